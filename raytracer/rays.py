@@ -1,0 +1,128 @@
+"""Rays, what they hit, and the surface at the hit: plain records of arrays, n rays each.
+
+The lecture's ray is p = o + t d with t >= 0 ("Ray-Object Intersection"); a hit is the smallest t for which the point
+lies on an object. Imports `checks` only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from raytracer.checks import as_array
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int32]
+Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rays:
+    """Rays o + t d, t_min <= t <= t_max (both inclusive).
+
+    origins : (n, 3) float64, metres, world
+    directions : (n, 3) float64, any length; t counts in units of that length
+    t_min, t_max : (n,) float64; a t_min below 0 counts as 0
+    """
+
+    origins: Floats
+    directions: Floats
+    t_min: Floats
+    t_max: Floats
+
+    def __len__(self) -> int:
+        return len(self.origins)
+
+    def valid(self) -> Booleans:
+        """(n,) True where the ray is finite, its direction not zero and its range not NaN."""
+        finite = np.isfinite(self.origins).all(axis=1) & np.isfinite(self.directions).all(axis=1)
+        return finite & (self.directions != 0).any(axis=1) & ~np.isnan(self.t_min) & ~np.isnan(self.t_max)
+
+
+def make_rays(origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf) -> Rays:
+    """Check and broadcast user input into Rays: (n, 3) or (3,) vectors, (n,) or scalar ranges.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit. NaN and infinity are not errors: such rays are flagged by `Rays.valid` and miss.
+    """
+    origins, directions = np.atleast_2d(np.asarray(origins)), np.atleast_2d(np.asarray(directions))
+    count = max(len(origins), len(directions))
+    if len(origins) != len(directions) and len(origins) == 1:
+        origins = np.broadcast_to(origins, (count, *origins.shape[1:]))
+    if len(origins) != len(directions) and len(directions) == 1:
+        directions = np.broadcast_to(directions, (count, *directions.shape[1:]))
+    origins = as_array(origins, np.float64, ("n", 3), "origins")
+    directions = as_array(directions, np.float64, ("n", 3), "directions")
+    if len(origins) != len(directions):
+        raise ValueError(f"directions: expected as many rows as origins, {len(origins)}, got {len(directions)}")
+    ranges = []
+    for field, value in (("t_min", t_min), ("t_max", t_max)):
+        raw = np.asarray(value, dtype=np.float64)
+        if raw.shape not in ((), (1,), (len(origins),)):
+            raise ValueError(f"{field}: expected a number or an array ({len(origins)},), got shape {raw.shape}")
+        ranges.append(np.ascontiguousarray(np.broadcast_to(raw, (len(origins),))))
+    return Rays(origins, directions, ranges[0], ranges[1])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Hits:
+    """The closest hit of each ray; a miss is data: distance inf, indices -1.
+
+    distance : (n,) float64, t of o + t d, in units of the direction's length; inf = miss
+    distance_error : (n,) float64, certified bound on |distance - exact t|; 0 for a miss, NaN where the caster's
+        precision certifies nothing
+    instance : (n,) int32, index into the scene's instances (or meshes, where the scene has no instances); groups of
+        spheres follow after the last one; -1 = miss
+    primitive : (n,) int32, triangle of the mesh or sphere of the group; -1 = miss
+    barycentric : (n, 2) float64, weights of the triangle's corners 1 and 2; 0 for spheres and misses
+    valid : (n,) bool, False for NaN, infinite or zero-direction rays, which miss
+    """
+
+    distance: Floats
+    distance_error: Floats
+    instance: Integers
+    primitive: Integers
+    barycentric: Floats
+    valid: Booleans
+
+    def __len__(self) -> int:
+        return len(self.distance)
+
+    @property
+    def hit(self) -> Booleans:
+        """(n,) bool, True where the ray hit something."""
+        return self.primitive >= 0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Surface:
+    """The surface at n hits (misses are left out beforehand); what a scene does not need is None.
+
+    position : (n, 3) float64, metres, world, on the surface to within `position_error`
+    position_error : (n,) float64, metres, bound on the distance of `position` from the exact surface point
+    geometric_normal : (n, 3) float64, unit, of the flat triangle or the sphere, as wound (not flipped to the ray)
+    shading_normal : (n, 3) float64, unit, interpolated; the same array as geometric_normal without smooth normals
+    outgoing : (n, 3) float64, unit, from the surface towards where the ray came from
+    front : (n,) bool, True where the ray arrived at the side that geometric_normal points to
+    material : (n,) int32, index into the scene's materials
+    instance, primitive : (n,) int32, as in Hits
+    uv : (n, 2) float64, or None where the scene has no uvs or nothing reads them
+    """
+
+    position: Floats
+    position_error: Floats
+    geometric_normal: Floats
+    shading_normal: Floats
+    outgoing: Floats
+    front: Booleans
+    material: Integers
+    instance: Integers
+    primitive: Integers
+    uv: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.position)
