@@ -32,25 +32,27 @@ def as_array(value: ArrayLike, dtype: type, shape: Sequence[int | str], field: s
     Parameters
     ----------
     value : array_like
-    dtype : NumPy scalar type; integers are never taken from floating-point input
+    dtype : NumPy scalar type; conversions stay within a kind (no integers from floating point, no reals from complex)
     shape : sizes; a letter stands for any size, the same letter for the same size
     field : the name used in the error message, such as ``"Mesh 'Cube': positions"``
 
     Raises
     ------
     ValueError
-        If the value does not convert, or has another shape.
+        If the value does not convert, does not fit into the integer type, or has another shape.
     """
     expected = f"({', '.join(str(size) for size in shape)}{',' if len(shape) == 1 else ''}) {np.dtype(dtype).name}"
     try:
         raw = np.asarray(value)
-        if np.issubdtype(dtype, np.integer) and not np.issubdtype(raw.dtype, np.integer) and raw.size:
-            raise ValueError
+        if raw.size and not np.can_cast(raw.dtype, dtype, casting="same_kind"):
+            raise TypeError
         with np.errstate(over="ignore"):
-            array = np.ascontiguousarray(raw, dtype=dtype).reshape(raw.shape)
+            array: NDArray[Any] = np.ascontiguousarray(raw, dtype=dtype).reshape(raw.shape)
     except (TypeError, ValueError):
         kind = getattr(value, "dtype", None) or type(value).__name__
         raise ValueError(f"{field}: expected an array {expected}, got {kind}") from None
+    if np.issubdtype(dtype, np.integer) and (array != raw).any():
+        raise ValueError(f"{field}: expected an array {expected}, got {raw[array != raw].flat[0]}, which does not fit")
     if not _shape_matches(array.shape, shape):
         raise ValueError(f"{field}: expected shape {expected}, got {array.shape}")
     if array is value or array.base is not None:

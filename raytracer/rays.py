@@ -49,23 +49,28 @@ def make_rays(origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0,
     ValueError
         If shapes do not fit. NaN and infinity are not errors: such rays are flagged by `Rays.valid` and miss.
     """
-    origins, directions = np.atleast_2d(np.asarray(origins)), np.atleast_2d(np.asarray(directions))
-    count = max(len(origins), len(directions))
-    if len(origins) != len(directions) and len(origins) == 1:
-        origins = np.broadcast_to(origins, (count, *origins.shape[1:]))
-    if len(origins) != len(directions) and len(directions) == 1:
-        directions = np.broadcast_to(directions, (count, *directions.shape[1:]))
-    origins = as_array(origins, np.float64, ("n", 3), "origins")
-    directions = as_array(directions, np.float64, ("n", 3), "directions")
-    if len(origins) != len(directions):
-        raise ValueError(f"directions: expected as many rows as origins, {len(origins)}, got {len(directions)}")
-    ranges = []
-    for field, value in (("t_min", t_min), ("t_max", t_max)):
-        raw = np.asarray(value, dtype=np.float64)
-        if raw.shape not in ((), (1,), (len(origins),)):
-            raise ValueError(f"{field}: expected a number or an array ({len(origins)},), got shape {raw.shape}")
-        ranges.append(np.ascontiguousarray(np.broadcast_to(raw, (len(origins),))))
-    return Rays(origins, directions, ranges[0], ranges[1])
+    origin_rows, direction_rows = _as_rows(origins, "origins"), _as_rows(directions, "directions")
+    if len(origin_rows) != len(direction_rows) and len(origin_rows) == 1:
+        origin_rows = np.repeat(origin_rows, len(direction_rows), axis=0)
+    if len(origin_rows) != len(direction_rows) and len(direction_rows) == 1:
+        direction_rows = np.repeat(direction_rows, len(origin_rows), axis=0)
+    count = len(origin_rows)
+    if len(direction_rows) != count:
+        raise ValueError(f"directions: expected as many rows as origins, {count}, got {len(direction_rows)}")
+    return Rays(origin_rows, direction_rows, _as_range(t_min, count, "t_min"), _as_range(t_max, count, "t_max"))
+
+
+def _as_rows(vectors: ArrayLike, field: str) -> Floats:
+    """Return (3,) or (n, 3) vectors as (n, 3)."""
+    return as_array(np.atleast_2d(np.asarray(vectors)), np.float64, ("n", 3), field)
+
+
+def _as_range(value: ArrayLike, count: int, field: str) -> Floats:
+    """Return one number, or one per ray, as (n,)."""
+    numbers = as_array(value, np.float64, ("n",) if np.ndim(value) else (), field)
+    if numbers.shape not in ((), (1,), (count,)):
+        raise ValueError(f"{field}: expected a number or an array ({count},), got shape {numbers.shape}")
+    return np.ascontiguousarray(np.broadcast_to(numbers, (count,)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

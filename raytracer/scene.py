@@ -452,7 +452,7 @@ def save(scene: Scene, path: str | Path) -> None:
 
     text = json.dumps({"format": FILE_FORMAT, "scene": outline(scene)})
     with open(path, "wb") as file:
-        np.savez_compressed(file, outline=np.array(text), **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(file, outline=np.array(text), **arrays)
 
 
 def load(path: str | Path) -> Scene:
