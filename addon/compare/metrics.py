@@ -1,0 +1,138 @@
+"""How far two pictures are apart: errors for numbers, a statistical test for noise.
+
+A picture is an (h, w, c) array. Two renders of the same scene differ by noise even where both are right, so images are
+compared as *batches*, (k, h, w, c): k independent renders of each side, whose spread says how much noise to expect.
+FLIP, the perceived difference, is in `flip.py`. Imports NumPy only.
+
+References
+----------
+Rousselle, Knaus, Zwicker, "Adaptive Sampling and Reconstruction using Greedy Error Minimization", 2011 (relative MSE).
+Subr and Arvo, "Statistical Hypothesis Testing for Assessing Monte Carlo Estimators: Applications to Image Synthesis",
+2007, and the render tests of Mitsuba 3 (a test per pixel, Sidak's correction, 99.75% of pixels have to pass).
+Abramowitz and Stegun, "Handbook of Mathematical Functions", 26.7.3-4 (Student's t in closed form).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+# Keeps the relative error finite where the reference is black (Rousselle et al. 2011, section 4).
+RELATIVE_MSE_OFFSET = 0.01
+TILE = 16
+# Probability that the test rejects a picture whose expected values are equal.
+SIGNIFICANCE = 0.01
+# Both pictures are stored in float32, and Cycles shades in it: a chain of this many rounded operations has a relative
+# error below gamma(n) = n u / (1 - n u), u = 2^-24; differences below it say nothing about who is right.
+FLOAT32_OPERATIONS = 32
+FLOAT32_UNIT = 2.0**-24
+FLOAT32_SLACK = FLOAT32_OPERATIONS * FLOAT32_UNIT / (1 - FLOAT32_OPERATIONS * FLOAT32_UNIT)
+
+
+def root_mean_square_error(image: Floats, reference: Floats) -> float:
+    """Return sqrt(mean((image - reference)^2)) over all pixels and channels."""
+    return float(np.sqrt(np.mean(np.square(np.asarray(image, np.float64) - reference))))
+
+
+def relative_mean_square_error(image: Floats, reference: Floats) -> float:
+    """Return mean((image - reference)^2 / (reference^2 + 0.01)) over all pixels and channels."""
+    squared = np.square(np.asarray(image, np.float64) - reference)
+    return float(np.mean(squared / (np.square(reference) + RELATIVE_MSE_OFFSET)))
+
+
+def average_tiles(image: Floats, size: int = TILE) -> Floats:
+    """Return the mean of each tile of `size` x `size` pixels (smaller at the right and lower border), (th, tw, c)."""
+    height, width = image.shape[:2]
+    rows, columns = np.arange(0, height, size), np.arange(0, width, size)
+    sums = np.add.reduceat(np.add.reduceat(np.asarray(image, np.float64), rows, axis=0), columns, axis=1)
+    heights, widths = np.diff(np.append(rows, height)), np.diff(np.append(columns, width))
+    return sums / (heights[:, None, None] * widths[None, :, None])
+
+
+def largest_tile_difference(image: Floats, reference: Floats, size: int = TILE) -> float:
+    """Return the largest |difference| between the means of corresponding tiles; noise averages out, bias does not."""
+    return float(np.abs(average_tiles(image, size) - average_tiles(reference, size)).max())
+
+
+def student_tail(statistic: Floats, degrees: NDArray[np.integer]) -> Floats:
+    """Return P(|T| >= |statistic|) for Student's t with whole `degrees` of freedom of 1 or more.
+
+    With theta = atan(t / sqrt(n)) the probability inside is, for even n,
+    sin(theta) (1 + 1/2 cos^2 + (1 3)/(2 4) cos^4 + ... up to cos^(n-2)), and for odd n
+    2/pi (theta + sin(theta) (cos + 2/3 cos^3 + (2 4)/(3 5) cos^5 + ... up to cos^(n-2))).
+    """
+    statistic, degrees = np.broadcast_arrays(np.abs(np.asarray(statistic, np.float64)), degrees)
+    tail = np.empty(statistic.shape)
+    for count in np.unique(degrees):
+        chosen = degrees == count
+        angle = np.arctan(statistic[chosen] / np.sqrt(count))
+        odd = int(count) % 2
+        term = np.cos(angle) if odd else np.ones_like(angle)
+        total = np.zeros_like(angle)
+        for power in range(odd, int(count) - 1, 2):
+            total += term
+            term = term * np.cos(angle) ** 2 * (power + 1) / (power + 2)
+        inside = np.sin(angle) * total
+        tail[chosen] = 1 - (2 / np.pi * (angle + inside) if odd else inside)
+    return np.clip(tail, 0.0, 1.0)
+
+
+def compare_means(ours: Floats, theirs: Floats, slack: Floats | float = 0.0) -> Floats:
+    """Return the p-value, per element, of two sets of batches having expected values within `slack` of each other.
+
+    Welch's test: t = max(|mean_a - mean_b| - slack, 0) / sqrt(s_a^2 / k_a + s_b^2 / k_b), whose degrees of freedom are
+    (v_a + v_b)^2 / (v_a^2 / (k_a - 1) + v_b^2 / (k_b - 1)), v = s^2 / k, rounded down (towards passing). With many
+    batches it is the z-test of Mitsuba 3; with few, the estimated variance is itself uncertain; this allows for it.
+
+    Parameters
+    ----------
+    ours, theirs : (k, ...) float, k >= 2 independent estimates each
+    slack : (...) or scalar, difference of the means that does not count
+
+    Returns
+    -------
+    (...) float64; 1 where the means agree within slack, 0 where they differ and neither side varies
+    """
+    if len(ours) < 2 or len(theirs) < 2:
+        raise ValueError(f"compare_means: expected at least 2 batches per side, got {len(ours)} and {len(theirs)}")
+    ours, theirs = np.asarray(ours, np.float64), np.asarray(theirs, np.float64)
+    excess = np.maximum(np.abs(ours.mean(axis=0) - theirs.mean(axis=0)) - slack, 0.0)
+    spread_ours, spread_theirs = ours.var(axis=0, ddof=1) / len(ours), theirs.var(axis=0, ddof=1) / len(theirs)
+    spread = spread_ours + spread_theirs
+    varies = spread > 0
+    share = np.divide(spread_ours, spread, out=np.zeros_like(spread), where=varies)
+    degrees = 1 / (share**2 / (len(ours) - 1) + (1 - share) ** 2 / (len(theirs) - 1))
+    statistic = np.divide(excess, np.sqrt(spread), out=np.zeros_like(spread), where=varies)
+    p_value = student_tail(statistic, np.maximum(degrees, 1).astype(np.int64))
+    return np.where(varies, p_value, (excess == 0).astype(np.float64))
+
+
+def correct_significance(tests: int, significance: float = SIGNIFICANCE) -> float:
+    """Return Sidak's level for one of `tests` tests: 1 - (1 - significance)^(1 / tests)."""
+    return float(-np.expm1(np.log1p(-significance) / tests))
+
+
+def find_failing(ours: Floats, theirs: Floats) -> Booleans:
+    """Return (h, w): pixels (or tiles) of which a channel differs by more than noise and float32 rounding explain.
+
+    Parameters
+    ----------
+    ours, theirs : (k, h, w, c) float, k independent renders each
+    """
+    scale = np.maximum(np.abs(ours).max(axis=0), np.abs(theirs).max(axis=0))
+    p_value = compare_means(ours, theirs, FLOAT32_SLACK * scale)
+    return (p_value < correct_significance(p_value.size)).any(axis=-1)
+
+
+def share_failing_pixels(ours: Floats, theirs: Floats) -> float:
+    """Return the share of pixels that fail the test; Mitsuba 3's bar is 0.0025."""
+    return float(find_failing(ours, theirs).mean())
+
+
+def share_failing_tiles(ours: Floats, theirs: Floats, size: int = TILE) -> float:
+    """Return the share of tiles that fail: hundreds of pixels averaged, a bias far below the noise of one shows."""
+    tiles = [np.stack([average_tiles(batch, size) for batch in side]) for side in (ours, theirs)]
+    return float(find_failing(*tiles).mean())

@@ -1,0 +1,107 @@
+"""Errors and statistical tests of pictures: closed forms, and their behaviour on pictures of known distribution."""
+
+import math
+
+import numpy as np
+import pytest
+
+from addon.compare import metrics
+
+
+def draw_batches(rng, mean, deviation, batches=8, shape=(48, 64, 3)):
+    return mean + deviation * rng.standard_normal((batches, *shape))
+
+
+def test_root_mean_square_error_is_the_norm_of_the_difference():
+    image, reference = np.full((2, 2, 3), 3.0), np.full((2, 2, 3), 1.0)
+    image[0, 0] = 1.0
+    assert metrics.root_mean_square_error(image, reference) == pytest.approx(math.sqrt(4 * 9 / 12), rel=1e-15)
+    assert metrics.root_mean_square_error(image, image) == 0.0
+
+
+def test_relative_mean_square_error_divides_by_the_reference():
+    image, reference = np.full((4, 4, 3), 1.5), np.full((4, 4, 3), 1.0)
+    assert metrics.relative_mean_square_error(image, reference) == pytest.approx(0.25 / 1.01, rel=1e-15)
+    assert metrics.relative_mean_square_error(image, np.zeros((4, 4, 3))) == pytest.approx(2.25 / 0.01, rel=1e-15)
+
+
+def test_tiles_cover_pictures_that_are_no_multiple_of_the_tile():
+    image = np.arange(20 * 35 * 3, dtype=float).reshape(20, 35, 3)
+    tiles = metrics.average_tiles(image)
+    assert tiles.shape == (2, 3, 3)
+    np.testing.assert_allclose(tiles[0, 0], image[:16, :16].mean(axis=(0, 1)), rtol=1e-14)
+    np.testing.assert_allclose(tiles[1, 2], image[16:, 32:].mean(axis=(0, 1)), rtol=1e-14)
+
+
+def test_tile_difference_finds_a_local_bias():
+    image = np.zeros((64, 64, 3))
+    image[16:32, 48:64, 1] = 0.25
+    assert metrics.largest_tile_difference(image, np.zeros_like(image)) == 0.25
+
+
+# Two-sided critical values of Student's t (Abramowitz and Stegun, table 26.10).
+@pytest.mark.parametrize(
+    ("degrees", "statistic", "tail"),
+    [(1, 12.706, 0.05), (2, 4.303, 0.05), (5, 4.032, 0.01), (7, 3.499, 0.01), (10, 4.587, 0.001), (30, 3.646, 0.001)],
+)
+def test_student_tail_matches_the_printed_table(degrees, statistic, tail):
+    # The table prints three decimals; |d tail / d statistic| is below 2 tail at these places.
+    assert metrics.student_tail(np.array(statistic), np.array(degrees)) == pytest.approx(
+        tail, abs=2 * tail * 5e-4 + 1e-6
+    )
+
+
+def test_student_tail_with_many_degrees_is_the_normal_tail():
+    statistic = np.linspace(0, 4, 9)
+    normal = np.array([math.erfc(value / math.sqrt(2)) for value in statistic])
+    # The first term of the expansion in 1 / n: (t^3 + t) / (4 n) times the density, below 1 / n throughout.
+    np.testing.assert_allclose(metrics.student_tail(statistic, np.array(2000)), normal, atol=1 / 2000)
+
+
+def test_p_values_of_equal_means_are_uniform():
+    rng = np.random.default_rng(3)
+    p_value = metrics.compare_means(draw_batches(rng, 1.0, 0.2), draw_batches(rng, 1.0, 0.5))
+    # Kolmogorov: the empirical distribution of n values stays within 1.95 / sqrt(n) with probability 0.999. Welch's
+    # approximation and whole degrees of freedom only push values up.
+    ranks = (np.arange(p_value.size) + 1) / p_value.size
+    assert (ranks - np.sort(p_value.ravel())).max() < 1.95 / math.sqrt(p_value.size)
+
+
+def test_pictures_with_equal_means_pass():
+    rng = np.random.default_rng(4)
+    ours, theirs = draw_batches(rng, 0.5, 0.1), draw_batches(rng, 0.5, 0.3)
+    assert metrics.share_failing_pixels(ours, theirs) <= 0.0025
+    assert metrics.share_failing_tiles(ours, theirs) == 0.0
+
+
+def test_pixels_with_another_mean_fail():
+    rng = np.random.default_rng(5)
+    ours, theirs = draw_batches(rng, 0.5, 0.01), draw_batches(rng, 0.5, 0.01)
+    ours[:, 10:20, 10:20] += 0.5
+    failing = metrics.find_failing(ours, theirs)
+    assert failing[10:20, 10:20].all()
+    assert failing.sum() == 100
+
+
+def test_tiles_show_a_bias_hidden_in_the_noise_of_every_pixel():
+    rng = np.random.default_rng(6)
+    ours, theirs = draw_batches(rng, 0.52, 0.1), draw_batches(rng, 0.5, 0.1)
+    assert metrics.share_failing_pixels(ours, theirs) == 0.0
+    assert metrics.share_failing_tiles(ours, theirs) == 1.0
+
+
+def test_pictures_without_noise_pass_within_float32_rounding_only():
+    flat = np.full((4, 8, 8, 3), 0.7, dtype=np.float32)
+    assert metrics.share_failing_pixels(flat, np.nextafter(flat, np.float32(1))) == 0.0
+    assert metrics.share_failing_pixels(flat, flat * np.float32(1.0001)) == 1.0
+
+
+def test_a_single_batch_is_refused():
+    flat = np.zeros((1, 2, 2, 3))
+    with pytest.raises(ValueError, match="at least 2 batches"):
+        metrics.compare_means(flat, flat)
+
+
+def test_corrected_significance_keeps_the_probability_of_any_failure():
+    level = metrics.correct_significance(6144, 0.01)
+    assert 1 - (1 - level) ** 6144 == pytest.approx(0.01, rel=1e-9)
