@@ -6,6 +6,7 @@ hits = caster.closest_hit(origins, directions)
 film = raytracer.render(scene, width, height, samples)
 """
 
+from raytracer.accelerate import Caster, build
 from raytracer.rays import Hits, Rays
 from raytracer.scene import (
     AreaLight,
@@ -27,6 +28,7 @@ from raytracer.scene import (
 __all__ = [
     "AreaLight",
     "Camera",
+    "Caster",
     "Closure",
     "Hits",
     "Instances",
@@ -39,6 +41,7 @@ __all__ = [
     "SpotLight",
     "SunLight",
     "World",
+    "build",
     "load",
     "save",
 ]

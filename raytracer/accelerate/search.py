@@ -1,0 +1,285 @@
+"""What is known of a batch of rays while candidates come in, and the decision at the end.
+
+A *candidate* is a pair (ray, primitive id) that culling could not exclude. Every accelerator, and brute force, only
+offers candidates; which of them is the closest hit, or whether there is one, is decided here, in one place, for all
+of them. Three precisions share the path and differ in what they trust:
+
+    float32, float64   a sign or a distance is what the arithmetic gives
+    certified          a sign or a distance is believed beyond its error bound (`predicates`); candidates that remain
+                       possible wait in a pool, and where more than one is left, or one in doubt, integers decide
+                       (`exact`)
+
+Imports `predicates`, `refine`, `exact`, `rays` and the world-space primitives.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer import exact, predicates, refine
+from raytracer.accelerate.geometry import Ids, split_id
+from raytracer.accelerate.primitives import Primitives, gather_corners, gather_spheres
+from raytracer.rays import Booleans, Floats, Hits, Rays
+
+Indices = NDArray[np.intp]
+
+NO_ID = np.iinfo(np.int64).max
+
+
+class Candidates(NamedTuple):
+    """k candidates with what is known of them.
+
+    t : (k,) the distance as computed; low, high : (k,) certified interval around it
+    certain : (k,) bool, the primitive is hit within the ray's range beyond doubt
+    """
+
+    ray: Indices
+    primitive_id: Ids
+    t: Floats
+    low: Floats
+    certain: Booleans
+
+    def select(self, index: Indices | Booleans) -> Candidates:
+        return Candidates(*(column[index] for column in self))
+
+
+class Search:
+    """The state of a batch of n valid rays.
+
+    best : (n,) float64; nothing farther than this can be the answer. Starts at t_max; -inf once an any-hit ray is
+        decided. Traversal culls with it.
+    """
+
+    def __init__(self, primitives: Primitives, rays: Rays, any_hit: bool) -> None:
+        self.primitives = primitives
+        self.rays = rays
+        self.any_hit = any_hit
+        self.certified = primitives.precision == "certified"
+        self.ray_rows = np.concatenate([rays.origins, rays.directions], axis=1).astype(primitives.dtype)  # (n, 6)
+        self.t_min = np.maximum(rays.t_min, 0.0)
+        self.best = np.where(self.t_min <= rays.t_max, rays.t_max, -np.inf)
+        self.best_id = np.full(len(rays), NO_ID)
+        self.pool: list[Candidates] = []
+        self.edge_error = self._bound_edges() if self.certified else np.zeros(len(rays), primitives.dtype)
+        self.exact_count = 0
+
+    def _bound_edges(self) -> Floats:
+        """(n,) one edge-function bound per ray, from the farthest coordinate of any triangle."""
+        low, high = self.primitives.bounds
+        # Three roundings: two differences and the product that absorbs them.
+        reach = np.maximum(np.abs(low - self.rays.origins), np.abs(high - self.rays.origins)).max(axis=1)
+        return predicates.edge_error_of_ray(self.rays.directions.T, reach * (1 + predicates.gamma(3)))
+
+    def offer(self, ray: Indices, primitive_id: Ids) -> None:
+        """Take in candidates: rays by index, primitives by id, in any order and number."""
+        spheres_begin = self.primitives.geometry.sphere_id
+        if not len(self.primitives.geometry.radii):
+            self._offer_triangles(ray, primitive_id)
+            return
+        is_sphere = primitive_id >= spheres_begin
+        if not is_sphere.all():
+            self._offer_triangles(ray[~is_sphere], primitive_id[~is_sphere])
+        if is_sphere.any():
+            self._offer_spheres(ray[is_sphere], primitive_id[is_sphere])
+
+    def _offer_triangles(self, ray: Indices, primitive_id: Ids) -> None:
+        corners = gather_corners(self.primitives, primitive_id)  # (9, k)
+        lines = np.ascontiguousarray(np.take(self.ray_rows, ray, axis=0).T)  # (6, k)
+        bound = np.take(self.edge_error, ray)
+        p, q, r = corners[0:3] - lines[:3], corners[3:6] - lines[:3], corners[6:9] - lines[:3]
+        edges = predicates.edge_functions(lines[3:], p, q, r)
+        highest = np.maximum(np.maximum(edges[0], edges[1]), edges[2])
+        lowest = np.minimum(np.minimum(edges[0], edges[1]), edges[2])
+        index = np.flatnonzero(~((highest > bound) & (lowest < -bound)))
+        if not len(index):
+            return
+        inside = (lowest[index] > bound[index]) | (highest[index] < -bound[index])
+        corners, lines, ray, primitive_id = corners[:, index], lines[:, index], ray[index], primitive_id[index]
+        side_b, side_c, relative = corners[3:6] - corners[:3], corners[6:9] - corners[:3], corners[:3] - lines[:3]
+        if not self.certified:
+            normal = predicates.cross(side_b, side_c)
+            denominator = predicates.dot(lines[3:], normal)
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                t = predicates.dot(relative, normal) / denominator
+            self._accept(ray, primitive_id, np.where(denominator != 0, t, np.nan))
+            return
+        plane = predicates.intersect_plane_certified(lines[3:], relative, side_b, side_c)
+        possible = np.ones(len(ray), dtype=bool)
+        doubtful = np.flatnonzero(~inside)
+        if len(doubtful):
+            inside[doubtful], possible[doubtful] = _judge_edges(lines[:, doubtful], corners[:, doubtful])
+        self._weigh(ray, primitive_id, plane.t, plane.t_error, inside, possible)
+
+    def _offer_spheres(self, ray: Indices, primitive_id: Ids) -> None:
+        centre, radius = gather_spheres(self.primitives, primitive_id)
+        lines = np.ascontiguousarray(np.take(self.ray_rows, ray, axis=0).T)
+        roots = predicates.intersect_sphere_certified(lines[3:], centre - lines[:3], radius)
+        t_min = self.t_min[ray]
+        if not self.certified:
+            t = np.where(roots.near >= t_min, roots.near, roots.far)
+            self._accept(ray, primitive_id, np.where(roots.discriminant >= 0, t, np.nan))
+            return
+        passed = roots.near + roots.error < t_min  # the first root lies before the range beyond doubt
+        t = np.where(passed, roots.far, roots.near)
+        sure = roots.discriminant > roots.discriminant_error
+        possible = ~(roots.discriminant < -roots.discriminant_error)
+        # Doubt which root is the first in range: the far one's interval has to count as well.
+        split = ~passed & ~(roots.near - roots.error >= t_min)
+        self._weigh(ray, primitive_id, t, np.where(split, np.inf, roots.error), sure & ~split, possible)
+
+    def _accept(self, ray: Indices, primitive_id: Ids, t: Floats) -> None:
+        """Plain precisions: believe t (NaN = no hit); nearest first, then the lowest id."""
+        index = np.flatnonzero((t >= self.t_min[ray]) & (t <= self.best[ray]))
+        ray, primitive_id, t = ray[index], primitive_id[index], t[index].astype(np.float64)
+        if self.any_hit:
+            self.best_id[ray], self.best[ray] = primitive_id, -np.inf
+            return
+        before = self.best[ray]
+        np.minimum.at(self.best, ray, t)
+        nearer = self.best[ray] < before
+        self.best_id[ray[nearer]] = NO_ID
+        winner = t == self.best[ray]
+        np.minimum.at(self.best_id, ray[winner], primitive_id[winner])
+
+    def _weigh(
+        self, ray: Indices, primitive_id: Ids, t: Floats, error: Floats, inside: Booleans, possible: Booleans
+    ) -> None:
+        """Certified: drop what is certainly out, keep the rest in the pool, lower `best` by what is certainly in."""
+        with np.errstate(invalid="ignore"):
+            low, high = t - error, t + error
+        in_doubt = np.isnan(low) | np.isnan(high)
+        low[in_doubt], high[in_doubt] = -np.inf, np.inf
+        possible &= ~((high < self.t_min[ray]) | (low > self.best[ray]))
+        certain = possible & inside & (low >= self.t_min[ray]) & (high <= self.rays.t_max[ray])
+        if self.any_hit:
+            self.best[ray[certain]], self.best_id[ray[certain]] = -np.inf, primitive_id[certain]
+            possible &= ~certain
+        else:
+            np.minimum.at(self.best, ray[certain], high[certain])
+        self.pool.append(Candidates(ray, primitive_id, t, low, certain).select(np.flatnonzero(possible)))
+
+    def _remaining(self) -> Candidates:
+        """The pool's candidates that are still possible, sorted by ray, then id."""
+        if not self.pool:
+            nothing = np.zeros(0)
+            return Candidates(nothing.astype(np.intp), nothing.astype(np.int64), nothing, nothing, nothing > 0)
+        everything = Candidates(*(np.concatenate(column) for column in zip(*self.pool, strict=True)))
+        possible = everything.select(np.flatnonzero(everything.low <= self.best[everything.ray]))
+        return possible.select(np.lexsort((possible.primitive_id, possible.ray)))
+
+    def found_any(self) -> Booleans:
+        """(n,) bool: the answers of an any-hit search."""
+        found = self.best_id != NO_ID
+        if self.certified:
+            left = self._remaining()
+            for start, stop in _runs(left.ray):
+                found[left.ray[start]] = self._decide(left, start, stop).index >= 0
+        return found
+
+    def closest(self) -> Hits:
+        """The closest hit of each ray."""
+        count = len(self.rays)
+        hits = Hits(
+            distance=np.full(count, np.inf),
+            distance_error=np.zeros(count),
+            instance=np.full(count, -1, np.int32),
+            primitive=np.full(count, -1, np.int32),
+            barycentric=np.zeros((count, 2)),
+            valid=np.ones(count, dtype=bool),
+        )
+        if self.certified:
+            self._close_certified(hits)
+        else:
+            ray = np.flatnonzero(self.best_id != NO_ID)
+            hits.distance[ray], hits.distance_error[ray] = self.best[ray], np.nan
+            self._measure(hits, ray, self.best_id[ray])
+        return hits
+
+    def _close_certified(self, hits: Hits) -> None:
+        left = self._remaining()
+        runs = _runs(left.ray)
+        clear = (runs[:, 1] - runs[:, 0] == 1) & left.certain[runs[:, 0]] if len(runs) else np.zeros(0, dtype=bool)
+        single = left.select(runs[clear, 0])
+        distance, error = self._refine(single)
+        hits.distance[single.ray], hits.distance_error[single.ray] = distance, error
+        self._measure(hits, single.ray, single.primitive_id)
+        unbounded = np.isin(left.ray, single.ray[~np.isfinite(error)])
+        for start, stop in runs[~clear | unbounded[runs[:, 0]]]:
+            decision = self._decide(left, start, stop)
+            if decision.index >= 0:
+                ray, primitive_id = left.ray[start], left.primitive_id[start + decision.index]
+                self._measure(hits, left.ray[start : start + 1], np.array([primitive_id]))
+                hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
+                hits.barycentric[ray] = decision.barycentric
+
+    def _decide(self, left: Candidates, start: int, stop: int) -> exact.ExactHit:
+        """Settle one ray's candidates in integers."""
+        self.exact_count += 1
+        ray, primitive_id = left.ray[start], left.primitive_id[start:stop]
+        triangle = primitive_id < self.primitives.geometry.sphere_id
+        corners = gather_corners(self.primitives, primitive_id[triangle]).T.reshape(-1, 3, 3)
+        centre, radius = gather_spheres(self.primitives, primitive_id[~triangle])
+        return exact.closest_candidate(
+            self.rays.origins[ray].tolist(),
+            self.rays.directions[ray].tolist(),
+            float(self.t_min[ray]),
+            float(self.rays.t_max[ray]),
+            corners,
+            np.vstack([centre, radius]).T,
+        )
+
+    def _refine(self, single: Candidates) -> tuple[Floats, Floats]:
+        """Distance and certified bound of hits that are decided already."""
+        distance, error = np.empty(len(single.ray)), np.empty(len(single.ray))
+        lines = self.ray_rows[single.ray].T
+        triangle = single.primitive_id < self.primitives.geometry.sphere_id
+        chosen = np.flatnonzero(triangle)
+        if len(chosen):
+            corners = gather_corners(self.primitives, single.primitive_id[chosen])
+            distance[chosen], error[chosen] = refine.triangle_distance(
+                lines[:3, chosen], lines[3:, chosen], corners[:3], corners[3:6], corners[6:]
+            )
+        chosen = np.flatnonzero(~triangle)
+        if len(chosen):
+            centre, radius = gather_spheres(self.primitives, single.primitive_id[chosen])
+            distance[chosen], error[chosen] = refine.sphere_distance(
+                lines[:3, chosen], lines[3:, chosen], centre, radius, single.t[chosen]
+            )
+        return distance, error
+
+    def _measure(self, hits: Hits, ray: Indices, primitive_id: Ids) -> None:
+        """Fill in instance, primitive and barycentric weights of the rays' hits."""
+        hits.instance[ray], hits.primitive[ray] = split_id(self.primitives.geometry, primitive_id)
+        triangle = np.flatnonzero(primitive_id < self.primitives.geometry.sphere_id)
+        corners = gather_corners(self.primitives, primitive_id[triangle])
+        lines = self.ray_rows[ray[triangle]].T
+        p, q, r = corners[0:3] - lines[:3], corners[3:6] - lines[:3], corners[6:9] - lines[:3]
+        e_a, e_b, e_c = predicates.edge_functions(lines[3:], p, q, r)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            weights = np.stack([e_b, e_c], axis=1) / (e_a + e_b + e_c)[:, None]
+        hits.barycentric[ray[triangle]] = np.clip(np.nan_to_num(weights), 0.0, 1.0)
+
+
+def _judge_edges(lines: NDArray, corners: NDArray) -> tuple[Booleans, Booleans]:
+    """Return (certainly inside, possibly inside) by each pair's own error bound."""
+    p, q, r = (corners[row : row + 3] - lines[:3] for row in (0, 3, 6))
+    above = below = False
+    inside_above = inside_below = True
+    for one, other in ((q, r), (r, p), (p, q)):
+        edge = predicates.edge_function(lines[3:], one, other)
+        error = predicates.edge_error(lines[3:], one, other)
+        positive, negative = edge > error, edge < -error
+        above, below = above | positive, below | negative
+        inside_above, inside_below = inside_above & positive, inside_below & negative
+    return inside_above | inside_below, ~(above & below)  # type: ignore[return-value,operator]
+
+
+def _runs(sorted_values: Indices) -> NDArray[np.intp]:
+    """(g, 2) start and stop of each run of equal values."""
+    if not len(sorted_values):
+        return np.zeros((0, 2), np.intp)
+    starts = np.flatnonzero(np.concatenate([[True], sorted_values[1:] != sorted_values[:-1]]))
+    return np.stack([starts, np.append(starts[1:], len(sorted_values))], axis=1)
