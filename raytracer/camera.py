@@ -1,0 +1,95 @@
+"""Primary rays: from the eye through sample points on the film plane ("Ray Tracing Fundamentals" of the lecture).
+
+A camera ray is the lecture's line through two points, p + t (q - p): p is the eye and q the sample's point on the film
+plane, which stands one metre in front of the eye. So t is the depth along the viewing axis, in metres, for perspective
+and orthographic cameras alike: Blender's clipping planes are exactly t_min and t_max, and the Depth pass is t.
+
+Camera space is Blender's: x right, y up, looking along -z. Imports `lecture`, `rays` and `scene`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.lecture import line_through
+from raytracer.rays import Rays
+from raytracer.scene import Camera
+
+Floats = NDArray[np.float64]
+
+FILM_DEPTH = 1.0  # metres from the eye to the film plane: makes t the depth
+
+
+def primary_rays(camera: Camera, width: int, height: int, x: Floats, y: Floats) -> Rays:
+    """Return the rays through points of the picture.
+
+    Parameters
+    ----------
+    camera : Camera
+    width, height : size of the full picture, pixels
+    x, y : (n,) float64, pixels from the lower left corner, y up; the centre of pixel (i, j) is (i + 0.5, j + 0.5)
+
+    Returns
+    -------
+    Rays of n, world space; t is the depth along the viewing axis, from clip_start to clip_end
+    """
+    film = locate_on_film(camera, width, height, x, y)  # (n, 3)
+    eye = np.zeros(3) if camera.projection == "perspective" else film + np.array([0.0, 0.0, FILM_DEPTH])
+    origins, directions = line_through(eye, film)
+    matrix = camera.world_from_camera
+    return Rays(
+        origins=_rotate(matrix, origins) + matrix[:3, 3],
+        directions=_rotate(matrix, directions),
+        t_min=np.full(len(film), camera.clip_start),
+        t_max=np.full(len(film), camera.clip_end),
+    )
+
+
+def locate_on_film(camera: Camera, width: int, height: int, x: Floats, y: Floats) -> Floats:
+    """Return the points of the film plane, z = -FILM_DEPTH in camera space, that the picture's points (x, y) show.
+
+    With the fitted side of the picture as unit of length, measured in pixel widths:
+    (X, Y) = extent * ((x - width / 2) / fitted + shift_x, (y - height / 2) / (aspect fitted) + shift_y).
+
+    Returns
+    -------
+    (n, 3) float64, metres
+    """
+    fitted = measure_fitted_side(camera, width, height)
+    extent = measure_film_extent(camera)
+    points = np.empty((len(x), 3))
+    points[:, 0] = extent * ((x - width / 2) / fitted + camera.shift_x)
+    points[:, 1] = extent * ((y - height / 2) / (camera.pixel_aspect * fitted) + camera.shift_y)
+    points[:, 2] = -FILM_DEPTH
+    return points
+
+
+def measure_fitted_side(camera: Camera, width: int, height: int) -> float:
+    """Return the length, in pixel widths, of the side of the picture that the sensor is fitted to."""
+    sides = {"horizontal": float(width), "vertical": height / camera.pixel_aspect}
+    return max(sides.values()) if camera.sensor_fit == "auto" else sides[camera.sensor_fit]
+
+
+def measure_film_extent(camera: Camera) -> float:
+    """Return the length of the fitted side on the film plane, metres.
+
+    By similar triangles, sensor / focal length at a distance of 1. Blender's automatic fit takes the sensor's width
+    for either side; an orthographic camera states the extent itself.
+    """
+    if camera.projection == "orthographic":
+        return camera.ortho_scale
+    sensor = camera.sensor_height if camera.sensor_fit == "vertical" else camera.sensor_width
+    return FILM_DEPTH * sensor / camera.focal_length
+
+
+def _rotate(matrix: Floats, vectors: Floats) -> Floats:
+    """Apply the linear part of a 4x4 matrix to (n, 3) vectors.
+
+    One ufunc per product, not a matrix product: BLAS may round a row differently in a batch of another size.
+    """
+    x, y, z = vectors.T
+    rotated = np.empty_like(vectors)
+    for axis in range(3):
+        rotated[:, axis] = matrix[axis, 0] * x + matrix[axis, 1] * y + matrix[axis, 2] * z
+    return rotated
