@@ -1,0 +1,78 @@
+"""Blender's evaluated scene to raytracer.Scene: the border that everything crosses on its way in.
+
+camera, world, lights, materials (with nodes), meshes and instances each have a module; this one puts them together.
+Imports raytracer and this package; nothing below it imports bpy except `addon.versions`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import raytracer
+
+from .. import versions
+from .camera import extract_camera
+from .instances import Context, ObjectKey, place_parts, walk_instances, warn_missing
+from .materials import MaterialTable
+from .meshes import MeshTable
+from .warnings import Warning, WarningList
+from .world import extract_world
+
+__all__ = ["Extraction", "ObjectKey", "Warning", "extract_scene"]
+
+
+@dataclass(frozen=True)
+class Extraction:
+    """A scene, and how its numbers lead back to Blender.
+
+    scene : raytracer.Scene
+    objects : the object of each instance, numbered as `Hits.instance`: mesh instances, then groups of spheres
+    polygons : for each mesh of the scene (t,) int32, the Blender polygon of each triangle
+    warnings : what could not be honoured
+    """
+
+    scene: raytracer.Scene
+    objects: tuple[ObjectKey, ...]
+    polygons: tuple[NDArray[np.int32], ...]
+    warnings: tuple[Warning, ...]
+
+
+def extract_scene(depsgraph: Any, passes: Sequence[str] = ("Combined",), geometry_only: bool = False) -> Extraction:
+    """Return all that a depsgraph shows, in the depsgraph's own mode (render or viewport).
+
+    Parameters
+    ----------
+    depsgraph : bpy.types.Depsgraph
+    passes : the tracer's pass names; UV coordinates are read for the pass "UV" only
+    geometry_only : True leaves out camera, lights, world and materials, for casting rays
+
+    Raises
+    ------
+    ValueError
+        If the scene has no usable camera and one is needed.
+    """
+    warnings = WarningList()
+    scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
+    camera = None if geometry_only else extract_camera(scene, warnings)
+    materials = None if geometry_only else MaterialTable(warnings)
+    meshes = MeshTable("UV" in passes, warnings)
+    warn_missing(depsgraph, warnings)
+    placements, matrices = walk_instances(depsgraph, Context(view_layer, meshes, materials, warnings))
+    placed = place_parts(placements, matrices, warnings)
+    world = None if geometry_only else extract_world(versions.find_world(scene, view_layer), warnings)
+    record = raytracer.Scene(
+        meshes=meshes.records,
+        spheres=placed.spheres,
+        instances=placed.instances,
+        materials=materials.records if materials else (),
+        lights=placed.lights,
+        world=world,
+        camera=camera,
+        name=scene.name,
+    )
+    return Extraction(record, placed.objects, tuple(meshes.polygons), warnings.records)

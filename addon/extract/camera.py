@@ -1,0 +1,89 @@
+"""Blender's camera to raytracer.Camera.
+
+Cycles' reading of a camera is followed (`intern/cycles/blender/camera.cpp`): scale is removed from the matrix column by
+column, any object may serve as camera, a spot light's cone sets the lens. Imports raytracer and this package.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import raytracer
+
+from .warnings import WarningList
+
+PROJECTIONS = {"PERSP": "perspective", "ORTHO": "orthographic"}
+
+# Cycles' clipping range, and sensor, for objects that are no cameras.
+OBJECT_CLIP_START, OBJECT_CLIP_END = 1e-5, 1e5
+SPOT_HALF_SENSOR = 16.0
+
+
+def extract_camera(scene: Any, warnings: WarningList) -> raytracer.Camera:
+    """Return the active camera of an evaluated scene.
+
+    Raises
+    ------
+    ValueError
+        If the scene has no camera, or its matrix has no inverse.
+    """
+    camera = scene.camera
+    if camera is None:
+        raise ValueError(f"Scene '{scene.name}' has no camera: add one, or set one in the scene's properties")
+    world_from_camera = remove_scale(np.array(camera.matrix_world, dtype=np.float64), camera.name)
+    pixel_aspect = scene.render.pixel_aspect_x / scene.render.pixel_aspect_y
+    if camera.type != "CAMERA":
+        return make_object_camera(camera, world_from_camera, pixel_aspect)
+    lens = camera.data
+    if lens.type not in PROJECTIONS:
+        warnings.add(f"camera type {lens.type} is not supported, rendered as perspective", camera.name)
+    if lens.dof.use_dof:
+        warnings.add("depth of field is not supported, everything is in focus", camera.name)
+    return raytracer.Camera(
+        world_from_camera,
+        projection=PROJECTIONS.get(lens.type, "perspective"),
+        focal_length=lens.lens,
+        sensor_width=lens.sensor_width,
+        sensor_height=lens.sensor_height,
+        sensor_fit=lens.sensor_fit.lower(),
+        ortho_scale=lens.ortho_scale,
+        shift_x=lens.shift_x,
+        shift_y=lens.shift_y,
+        clip_start=lens.clip_start,
+        clip_end=max(lens.clip_end, lens.clip_start),
+        pixel_aspect=pixel_aspect,
+    )
+
+
+def make_object_camera(view: Any, world_from_camera: NDArray[np.float64], pixel_aspect: float) -> raytracer.Camera:
+    """Return the camera that looks along the -z axis of an object that is none; a spot light shows its cone."""
+    is_spot = view.type == "LIGHT" and view.data.type == "SPOT"
+    focal_length = SPOT_HALF_SENSOR / math.tan(view.data.spot_size / 2) if is_spot else 50.0
+    return raytracer.Camera(
+        world_from_camera,
+        focal_length=focal_length,
+        clip_start=OBJECT_CLIP_START,
+        clip_end=OBJECT_CLIP_END,
+        pixel_aspect=pixel_aspect,
+    )
+
+
+def remove_scale(matrix: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    """Return (4, 4) `matrix` with each of its three axes scaled to unit length, in float64.
+
+    Raises
+    ------
+    ValueError
+        If an axis has no length or is not finite.
+    """
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    if not (np.isfinite(matrix).all() and (lengths > 0).all()):
+        raise ValueError(f"Camera '{name}' has a scale of {lengths.tolist()}: expected finite numbers other than zero")
+    unscaled = matrix.copy()
+    unscaled[:3, :3] /= lengths
+    unscaled[3] = (0.0, 0.0, 0.0, 1.0)
+    return unscaled

@@ -1,0 +1,252 @@
+"""What stands where: one walk over the depsgraph's object instances, then all matrices in one read.
+
+An iterator's items die with its next step, so the walk turns each distinct combination of object, instancer and
+data into a Part and keeps only row numbers. Imports raytracer and this package.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import raytracer
+
+from .lights import extract_light
+from .materials import MaterialTable
+from .meshes import MeshTable, Points, extract_points
+from .warnings import WarningList
+
+# Rounding that a product of float32 matrices may leave between axes of equal length: a few parts in 2^24.
+UNIFORM_SCALE_TOLERANCE = 64 * float(np.finfo(np.float32).eps)
+
+UNSUPPORTED_TYPES = {
+    "VOLUME": "volumes",
+    "CURVES": "hair curves",
+    "GPENCIL": "Grease Pencil drawings",
+    "GREASEPENCIL": "Grease Pencil drawings",
+}
+RAY_VISIBILITY = {
+    "visible_camera": "camera",
+    "visible_diffuse": "diffuse",
+    "visible_glossy": "glossy",
+    "visible_transmission": "transmission",
+    "visible_shadow": "shadow",
+}
+
+
+class ObjectKey(NamedTuple):
+    """The object that an instance shows: its name with library, and `session_uid` of the original (0 if generated)."""
+
+    name: str
+    session_uid: int
+
+
+@dataclass(frozen=True)
+class Part:
+    """What all instances of one object, instancer and data share: a mesh, or points with their material, or a light."""
+
+    object: ObjectKey
+    pass_index: int = 0
+    holdout: bool = False
+    mesh: int | None = None
+    points: Points | None = None
+    material: int = 0
+    light: Any = None
+
+
+@dataclass
+class Placements:
+    """parts, and for each instance worth keeping its part and its row in `depsgraph.object_instances`."""
+
+    parts: list[Part] = field(default_factory=list)
+    part: list[int] = field(default_factory=list)
+    row: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a Part is made with; `materials` is None where only geometry is wanted."""
+
+    view_layer: Any
+    meshes: MeshTable
+    materials: MaterialTable | None
+    warnings: WarningList
+
+
+def walk_instances(depsgraph: Any, context: Context) -> tuple[Placements, NDArray[np.float64]]:
+    """Return the placements and their (i, 4, 4) float64 world matrices."""
+    placements, known = Placements(), {}
+    count = 0
+    for row, instance in enumerate(depsgraph.object_instances):
+        count = row + 1
+        shown, data = instance.object, instance.object.data
+        if data is None or not instance.show_self:
+            continue
+        is_instance = instance.is_instance
+        source = instance.instance_object if is_instance else shown
+        instancer = instance.parent if is_instance else shown
+        # `shown` itself is one of two scratch objects while Blender walks instances: no key.
+        key = (source.as_pointer(), instancer.as_pointer(), data.as_pointer())
+        if key not in known:
+            part = make_part(shown, source, instancer, context)
+            known[key] = len(placements.parts) if part else -1
+            if part:
+                placements.parts.append(part)
+        if known[key] >= 0:
+            placements.part.append(known[key])
+            placements.row.append(row)
+    return placements, read_matrices(depsgraph, count)[np.asarray(placements.row, dtype=np.intp)]
+
+
+def read_matrices(depsgraph: Any, count: int) -> NDArray[np.float64]:
+    """Return (count, 4, 4) world matrices of all object instances; the last row is (0, 0, 0, 1), as Cycles takes it."""
+    flat = np.empty(count * 16, dtype=np.float32)
+    depsgraph.object_instances.foreach_get("matrix_world", flat)
+    matrices = flat.reshape(count, 4, 4).transpose(0, 2, 1).astype(np.float64)
+    matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)
+    return matrices
+
+
+def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part | None:
+    """Return what to show of an object, or None: other types, nothing in it, or hidden from all rays."""
+    kind, name = shown.type, source.name
+    if kind in UNSUPPORTED_TYPES:
+        context.warnings.add(f"{UNSUPPORTED_TYPES[kind]} are not supported, left out", name)
+        return None
+    if kind not in ("MESH", "POINTCLOUD", "LIGHT"):
+        return None
+    if kind == "LIGHT":
+        return make_light_part(shown, source, context)
+    if not warn_visibility(shown, instancer, context):
+        return None
+    warn_hair(source, context.warnings)
+    holdout = instancer.holdout_get(view_layer=context.view_layer)
+    part = Part(make_key(source), shown.pass_index, holdout)
+    if kind == "MESH":
+        geometry = context.meshes.find_geometry(shown.data, name)
+        if geometry is None:
+            return None
+        materials = find_materials(shown, source, geometry.used_slots, context)
+        return replace(part, mesh=context.meshes.find_index(shown.data, geometry, materials))
+    points = extract_points(shown.data, name, context.warnings)
+    if points is None:
+        return None
+    return replace(part, points=points, material=find_materials(shown, source, (0,), context)[0])
+
+
+def find_materials(shown: Any, source: Any, used_slots: tuple[int, ...], context: Context) -> tuple[int, ...]:
+    """Return the scene's material for each used slot; 0 for all where only geometry is wanted."""
+    if context.materials is None:
+        return (0,) * len(used_slots)
+    override = context.view_layer.material_override
+    return context.materials.find_slots(shown.material_slots, used_slots, override, source.name)
+
+
+def make_key(source: Any) -> ObjectKey:
+    return ObjectKey(source.name_full, source.original.session_uid)
+
+
+def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
+    if context.materials is None:
+        return None
+    hidden = [label for name, label in RAY_VISIBILITY.items() if label != "camera" and not getattr(shown, name)]
+    if hidden:
+        context.warnings.add(f"light hidden from {', '.join(hidden)} rays: not supported, lights all", source.name)
+    if shown.visible_camera:
+        context.warnings.add("light visible to the camera: not supported, only its light is seen", source.name)
+    return Part(make_key(source), light=shown.data)
+
+
+def warn_visibility(shown: Any, instancer: Any, context: Context) -> bool:
+    """Return False for an object hidden from all rays; warn of what hides it from some, or makes it a catcher."""
+    hidden = {
+        label for name, label in RAY_VISIBILITY.items() if not (getattr(shown, name) and getattr(instancer, name))
+    }
+    if len(hidden) == len(RAY_VISIBILITY):
+        return False
+    view_layer = context.view_layer
+    if not instancer.holdout_get(view_layer=view_layer) and instancer.indirect_only_get(view_layer=view_layer):
+        hidden.add("camera")
+    if hidden:
+        listed = ", ".join(label for label in RAY_VISIBILITY.values() if label in hidden)
+        context.warnings.add(f"hidden from {listed} rays: not supported, all rays see it", shown.name)
+    if shown.is_shadow_catcher or instancer.is_shadow_catcher:
+        context.warnings.add("shadow catcher is not supported, shown as an ordinary object", shown.name)
+    return True
+
+
+def warn_hair(source: Any, warnings: WarningList) -> None:
+    """Name particle systems that draw hair."""
+    for system in source.particle_systems:
+        if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
+            warnings.add(f"particle hair '{system.name}' is not supported, left out", source.name)
+
+
+def warn_missing(depsgraph: Any, warnings: WarningList) -> None:
+    """Name data that a missing library left as placeholders."""
+    for data in depsgraph.ids:
+        original = data.original
+        if original.is_missing:
+            path = f" from '{original.library.filepath}'" if original.library else ""
+            kind = original.bl_rna.name
+            warnings.add(f"{kind} '{original.name}' is linked{path}, which is missing: left out")
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres."""
+
+    instances: raytracer.Instances
+    spheres: tuple[raytracer.Spheres, ...]
+    lights: tuple[raytracer.scene.Light, ...]
+    objects: tuple[ObjectKey, ...]
+
+
+def place_parts(placements: Placements, matrices: NDArray[np.float64], warnings: WarningList) -> Placed:
+    """Return instances, spheres and lights in world space; those with a matrix that is not finite are left out."""
+    finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
+    meshes: list[int] = []
+    spheres, lights, sphere_objects = [], [], []
+    for row, index in enumerate(placements.part):
+        part = placements.parts[index]
+        if not finite[row]:
+            warnings.add("its matrix is NaN or infinite: left out", part.object.name)
+        elif part.mesh is not None:
+            meshes.append(row)
+        elif part.points is not None:
+            spheres.append(place_points(part, matrices[row], warnings))
+            sphere_objects.append(part.object)
+        elif (light := extract_light(part.light, part.object.name, matrices[row], warnings)) is not None:
+            lights.append(light)
+    parts = [placements.parts[placements.part[row]] for row in meshes]
+    instances = raytracer.Instances(
+        mesh=np.array([part.mesh for part in parts], dtype=np.int32),
+        world_from_object=matrices[np.asarray(meshes, dtype=np.intp)],
+        pass_index=np.array([part.pass_index for part in parts], dtype=np.int32),
+        holdout=np.array([part.holdout for part in parts], dtype=np.bool_),
+    )
+    objects = (*(part.object for part in parts), *sphere_objects)
+    return Placed(instances, tuple(spheres), tuple(lights), objects)
+
+
+def place_points(part: Part, world_from_object: NDArray[np.float64], warnings: WarningList) -> raytracer.Spheres:
+    """Return a point cloud as true spheres in world space.
+
+    Under non-uniform scale the points would be ellipsoids: they become spheres of the same volume, with a warning.
+    """
+    assert part.points is not None
+    axes = world_from_object[:3, :3]
+    scale = abs(np.linalg.det(axes)) ** (1 / 3)
+    if np.abs(axes.T @ axes - scale**2 * np.eye(3)).max() > UNIFORM_SCALE_TOLERANCE * scale**2:
+        warnings.add("scaled differently along its axes: its points are spheres of equal volume", part.object.name)
+    return raytracer.Spheres(
+        centres=part.points.centres @ axes.T + world_from_object[:3, 3],
+        radii=part.points.radii * scale,
+        material=part.material,
+        pass_index=part.pass_index,
+        holdout=part.holdout,
+        name=part.object.name,
+    )

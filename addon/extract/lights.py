@@ -1,0 +1,115 @@
+"""Blender's lights to the tracer's, in Blender's units: watts, and W/m^2 for the sun.
+
+Conventions are those of Cycles (`src/scene/light.cpp`, `intern/cycles/blender/light.cpp`): an object's scale
+stretches area lights and spot cones but no radius; without `normalize` the power counts per unit of emitting area
+(per unit of projected solid angle for a sun), which is turned into the power of the whole light here.
+Imports raytracer and this package.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import raytracer
+
+from .. import versions
+from .materials import read_shader
+from .nodes import Color, Place
+from .warnings import WarningList
+
+Matrix = NDArray[np.float64]
+
+
+def extract_light(
+    light: Any, name: str, world_from_light: Matrix, warnings: WarningList
+) -> raytracer.scene.Light | None:
+    """Return one light placed by a (4, 4) matrix, or None where it emits nothing."""
+    place = Place(warnings, object=name)
+    if light.type == "AREA" and versions.is_portal(light):
+        return None  # a portal guides Cycles' sampling of the world and adds no light
+    settings = versions.read_light_settings(light)
+    power = np.array(light.color, dtype=np.float64) * settings.temperature_color * settings.gain * light.energy
+    power = power * read_light_nodes(light, place)
+    if (power < 0).any():
+        place.warn("negative light is not supported, it emits nothing there")
+        power = np.maximum(power, 0.0)
+    if not power.any():
+        return None
+    common = {"cast_shadow": light.use_shadow, "name": name}
+    make = {"POINT": make_point, "SPOT": make_spot, "SUN": make_sun, "AREA": make_area}[light.type]
+    return make(light, world_from_light, power, settings.normalize, common, place)
+
+
+def read_light_nodes(light: Any, place: Place) -> Color:
+    """Return the factor (3,) that a light's own Emission node puts on its power."""
+    node_tree = versions.find_node_tree(light)
+    output = versions.find_output_node(node_tree) if node_tree is not None else None
+    if output is None:
+        return np.ones(3) if node_tree is None else np.zeros(3)
+    closures = read_shader(output.inputs["Surface"], (), 1.0, place)
+    factors = [closure.weight * closure.color for closure in closures if closure.kind == "emission"]
+    return np.sum(factors, axis=0) if factors else np.zeros(3)
+
+
+def read_bulb(light: Any, normalize: bool, power: Color) -> tuple[float, Color]:
+    """Return radius and power of the sphere that a point or spot light is; area 4 pi r^2."""
+    radius = light.shadow_soft_size
+    area = 4 * math.pi * radius**2
+    return radius, power if normalize or radius == 0 else power * area
+
+
+def make_point(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: Place) -> Any:
+    radius, power = read_bulb(light, normalize, power)
+    return raytracer.PointLight(matrix[:3, 3], power, radius, light.use_soft_falloff, **common)
+
+
+def make_spot(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: Place) -> Any:
+    if np.linalg.det(matrix[:3, :3]) == 0:
+        place.warn("a spot light scaled to zero is left out")
+        return None
+    radius, power = read_bulb(light, normalize, power)
+    return raytracer.SpotLight(
+        position=matrix[:3, 3],
+        power=power,
+        radius=radius,
+        soft_falloff=light.use_soft_falloff,
+        world_from_light=matrix[:3, :3],
+        spot_size=light.spot_size,
+        spot_blend=light.spot_blend,
+        **common,
+    )
+
+
+def make_sun(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: Place) -> Any:
+    if not matrix[:3, 2].any():
+        place.warn("a sun scaled to zero has no direction and is left out")
+        return None
+    # Irradiance of radiance L over the disc: pi sin^2(angle / 2) L.
+    projected = math.pi * math.sin(light.angle / 2) ** 2
+    strength = power if normalize or light.angle == 0 else power * projected
+    return raytracer.SunLight(matrix[:3, 2], strength, light.angle, **common)
+
+
+def make_area(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: Place) -> Any:
+    height = light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else light.size
+    axis_u, axis_v = matrix[:3, 0] * light.size, matrix[:3, 1] * height
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        axis_v = -axis_v  # the front is -(u x v): keep it on the light's -z side in a mirror as well
+    is_ellipse = light.shape in ("DISK", "ELLIPSE")
+    area = np.linalg.norm(axis_u) * np.linalg.norm(axis_v) * (math.pi / 4 if is_ellipse else 1.0)
+    if area == 0:
+        place.warn("an area light without area is left out")
+        return None
+    return raytracer.AreaLight(
+        position=matrix[:3, 3],
+        axis_u=axis_u,
+        axis_v=axis_v,
+        power=power if normalize else power * area,
+        shape="ellipse" if is_ellipse else "rectangle",
+        spread=light.spread,
+        **common,
+    )

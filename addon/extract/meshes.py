@@ -1,0 +1,195 @@
+"""Evaluated Blender meshes and point clouds to arrays: one read per attribute that is needed, no loop over elements.
+
+Buffers are flat and of Blender's own type, so that `foreach_get` copies memory; everything stays in object space.
+Imports raytracer and this package.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import raytracer
+
+from .warnings import WarningList
+
+DEFAULT_POINT_RADIUS = 0.01  # Blender's radius of points that have no radius attribute
+
+
+def read_array(collection: Any, field: str, dtype: type, width: int = 1) -> NDArray[Any]:
+    """Return one field of a bpy collection as an array (n, width), or (n,) where width is 1."""
+    flat: NDArray[Any] = np.empty(len(collection) * width, dtype=dtype)
+    collection.foreach_get(field, flat)
+    return flat if width == 1 else flat.reshape(-1, width)
+
+
+def read_attribute(owner: Any, name: str, field: str, dtype: type, width: int = 1) -> NDArray[Any] | None:
+    """Return a named attribute as `read_array` does, or None where it is absent."""
+    attribute = owner.attributes.get(name)
+    return None if attribute is None else read_array(attribute.data, field, dtype, width)
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """One evaluated mesh, before materials are assigned.
+
+    mesh : raytracer.Mesh with material 0
+    polygons : (t,) int32, the Blender polygon that each triangle is part of
+    slots : (t,) int32, material slot of each triangle; None = slot 0 for all
+    used_slots : the slot numbers that triangles have
+    """
+
+    mesh: raytracer.Mesh
+    polygons: NDArray[np.int32]
+    slots: NDArray[np.int32] | None
+    used_slots: tuple[int, ...]
+
+
+def extract_geometry(mesh: Any, name: str, with_uvs: bool, warnings: WarningList) -> Geometry | None:
+    """Return the triangles of an evaluated mesh, or None where it has none.
+
+    Triangles with a vertex that is not finite are dropped with a warning; those without area stay, no ray hits them.
+    """
+    mesh.calc_loop_triangles()
+    positions = read_attribute(mesh, "position", "vector", np.float32, 3)
+    if positions is None or not len(mesh.loop_triangles):
+        return None
+    # Vertex indices are not negative: uint32 is what Blender copies without converting.
+    triangles = read_array(mesh.loop_triangles, "vertices", np.uint32, 3).view(np.int32)  # (t, 3)
+    polygons = read_array(mesh.loop_triangle_polygons, "value", np.int32)  # (t,)
+    slots = read_attribute(mesh, "material_index", "value", np.int32)  # (polygons,)
+    slots = np.maximum(slots, 0)[polygons] if slots is not None and slots.any() else None  # (t,)
+    kept = find_finite_triangles(positions, triangles, name, warnings)
+    normals, uvs = read_normals(mesh), read_uvs(mesh) if with_uvs else None
+    if kept is not None:
+        triangles, polygons, slots = triangles[kept], polygons[kept], None if slots is None else slots[kept]
+        positions = np.where(np.isfinite(positions), positions, 0.0)
+        normals, uvs = select_corners(normals, kept), select_corners(uvs, kept)
+    if not len(triangles):
+        return None
+    if normals is not None and not np.isfinite(normals).all():
+        normals = replace_broken_normals(normals, positions, triangles)
+    record = raytracer.Mesh(positions, triangles, normals=normals, uvs=uvs, name=name)
+    used_slots = (0,) if slots is None else tuple(np.flatnonzero(np.bincount(slots)).tolist())
+    return Geometry(record, polygons, slots, used_slots)
+
+
+def find_finite_triangles(
+    positions: NDArray[np.float32], triangles: NDArray[np.int32], name: str, warnings: WarningList
+) -> NDArray[np.bool_] | None:
+    """Return (t,) True for triangles whose corners are finite, or None where all vertices are."""
+    finite = np.isfinite(positions).all(axis=1)  # (v,)
+    if finite.all():
+        return None
+    kept: NDArray[np.bool_] = finite[triangles].all(axis=1)
+    broken, dropped = int((~finite).sum()), int((~kept).sum())
+    warnings.add(f"{broken} vertices are NaN or infinite, {dropped} triangles that use them are left out", name)
+    return kept
+
+
+def select_corners(values: NDArray[Any] | None, kept: NDArray[np.bool_]) -> NDArray[Any] | None:
+    """Return the kept triangles' part of per-corner values; per-vertex values stay as they are."""
+    return values[kept] if values is not None and values.ndim == 3 else values
+
+
+def read_normals(mesh: Any) -> NDArray[np.float32] | None:
+    """Return (v, 3) vertex normals, (t, 3, 3) corner normals, or None for a mesh of flat faces only."""
+    if mesh.normals_domain == "FACE":
+        return None
+    if mesh.normals_domain == "POINT":
+        return read_array(mesh.vertex_normals, "vector", np.float32, 3)
+    return read_array(mesh.corner_normals, "vector", np.float32, 3)[read_corners(mesh)]
+
+
+def read_uvs(mesh: Any) -> NDArray[np.float32] | None:
+    """Return (t, 3, 2) coordinates of the UV map that renders use, or None without one."""
+    layer = next((layer for layer in mesh.uv_layers if layer.active_render), None)
+    return None if layer is None else read_array(layer.uv, "vector", np.float32, 2)[read_corners(mesh)]
+
+
+def read_corners(mesh: Any) -> NDArray[np.int32]:
+    """Return (t, 3) the face corner of each corner of each triangle."""
+    return read_array(mesh.loop_triangles, "loops", np.uint32, 3).view(np.int32)
+
+
+def replace_broken_normals(
+    normals: NDArray[np.float32], positions: NDArray[Any], triangles: NDArray[np.int32]
+) -> NDArray[Any]:
+    """Return (t, 3, 3) normals with each that is not finite replaced by its triangle's own.
+
+    A vertex that is NaN spoils the normals of its neighbours, whose faces stay.
+    """
+    corners = (normals if normals.ndim == 3 else normals[triangles]).astype(np.float64)
+    a, b, c = (positions[triangles[:, corner]].astype(np.float64) for corner in range(3))  # (t, 3) each
+    flat = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(flat, axis=1, keepdims=True)
+    flat = np.divide(flat, lengths, out=np.zeros_like(flat), where=lengths > 0)
+    flat[lengths[:, 0] == 0] = (0.0, 0.0, 1.0)  # Blender's normal of a face without area
+    broken = ~np.isfinite(corners).all(axis=2, keepdims=True)
+    return np.where(broken, flat[:, None, :], corners)
+
+
+def assign_materials(geometry: Geometry, materials: tuple[int, ...]) -> raytracer.Mesh:
+    """Return the mesh with `materials`, one for each of its used slots; all arrays but the assignment are shared."""
+    if len(set(materials)) == 1:
+        return dataclasses.replace(geometry.mesh, material=materials[0])
+    assert geometry.slots is not None
+    material_of_slot = np.zeros(geometry.used_slots[-1] + 1, dtype=np.int32)
+    material_of_slot[list(geometry.used_slots)] = materials
+    return dataclasses.replace(geometry.mesh, material=material_of_slot[geometry.slots])  # (t,)
+
+
+class MeshTable:
+    """The scene's meshes: one per evaluated mesh and material assignment; assignments share their arrays."""
+
+    def __init__(self, with_uvs: bool, warnings: WarningList) -> None:
+        self.records: list[raytracer.Mesh] = []
+        self.polygons: list[NDArray[np.int32]] = []
+        self._geometries: dict[int, Geometry | None] = {}
+        self._indices: dict[tuple[int, tuple[int, ...]], int] = {}
+        self._with_uvs, self._warnings = with_uvs, warnings
+
+    def find_geometry(self, mesh: Any, name: str) -> Geometry | None:
+        """Return an evaluated mesh's triangles, read once, or None where it has none."""
+        pointer = mesh.as_pointer()
+        if pointer not in self._geometries:
+            self._geometries[pointer] = extract_geometry(mesh, name, self._with_uvs, self._warnings)
+        return self._geometries[pointer]
+
+    def find_index(self, mesh: Any, geometry: Geometry, materials: tuple[int, ...]) -> int:
+        """Return the index of the scene's mesh with this geometry and these materials for its used slots."""
+        key = (mesh.as_pointer(), materials)
+        if key not in self._indices:
+            self._indices[key] = len(self.records)
+            self.records.append(assign_materials(geometry, materials))
+            self.polygons.append(geometry.polygons)
+        return self._indices[key]
+
+
+@dataclass(frozen=True)
+class Points:
+    """A point cloud in object space: centres (s, 3) and radii (s,), float64."""
+
+    centres: NDArray[np.float64]
+    radii: NDArray[np.float64]
+
+
+def extract_points(cloud: Any, name: str, warnings: WarningList) -> Points | None:
+    """Return the points that have a size, or None without any; points that are not finite are dropped."""
+    centres = read_attribute(cloud, "position", "vector", np.float32, 3)
+    if centres is None:
+        return None
+    radii = read_attribute(cloud, "radius", "value", np.float32)
+    if radii is None:
+        radii = np.full(len(centres), DEFAULT_POINT_RADIUS, dtype=np.float32)
+    finite = np.isfinite(centres).all(axis=1) & np.isfinite(radii)  # (s,)
+    if not finite.all():
+        warnings.add(f"{int((~finite).sum())} points are NaN or infinite and left out", name)
+    kept = finite & (radii > 0)
+    if not kept.any():
+        return None
+    return Points(centres[kept].astype(np.float64), radii[kept].astype(np.float64))

@@ -1,0 +1,101 @@
+"""What differs between Blender 4.2 LTS and 5.2 LTS: the one module of the add-on that knows.
+
+Facts come from the bpy wheels 4.2, 4.5, 5.0, 5.1 and 5.2 and from Blender's release notes (Python API, 4.3 to 5.2).
+May import bpy only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+
+VERSION: tuple[int, int, int] = tuple(bpy.app.version)
+
+# Blender 5.0 spelled the short pass names out; the tracer uses the long ones throughout.
+SHORT_PASS_NAMES = {
+    "Object Index": "IndexOB",
+    "Material Index": "IndexMA",
+    "Diffuse Direct": "DiffDir",
+    "Diffuse Indirect": "DiffInd",
+    "Diffuse Color": "DiffCol",
+    "Glossy Direct": "GlossDir",
+    "Glossy Indirect": "GlossInd",
+    "Glossy Color": "GlossCol",
+    "Transmission Direct": "TransDir",
+    "Transmission Indirect": "TransInd",
+    "Transmission Color": "TransCol",
+    "Emission": "Emit",
+    "Environment": "Env",
+    "Ambient Occlusion": "AO",
+}
+
+
+def blender_pass_name(name: str, version: tuple[int, ...] = VERSION) -> str:
+    """Return the name that this version of Blender gives to the tracer's pass `name`."""
+    return name if version >= (5, 0) else SHORT_PASS_NAMES.get(name, name)
+
+
+def eevee_engine_name(version: tuple[int, ...] = VERSION) -> str:
+    """Return EEVEE's identifier: 4.2 to 4.5 call the new EEVEE 'BLENDER_EEVEE_NEXT'."""
+    return "BLENDER_EEVEE" if version >= (5, 0) else "BLENDER_EEVEE_NEXT"
+
+
+def find_node_tree(owner: Any) -> Any:
+    """Return the shader nodes in use by a material, world or light, or None where it has or uses none.
+
+    `use_nodes` is deprecated, and always true, for materials and worlds since 5.0 and for lights since 5.2; reading it
+    there warns, so the property itself is asked first.
+    """
+    switch = owner.bl_rna.properties.get("use_nodes")
+    if switch is None or getattr(switch, "is_deprecated", False):
+        return owner.node_tree
+    return owner.node_tree if owner.use_nodes else None
+
+
+def find_output_node(node_tree: Any) -> Any:
+    """Return the active output node, or None.
+
+    A material may hold one output for Cycles and one for EEVEE; this engine follows Cycles, so Cycles' comes first.
+    """
+    return node_tree.get_output_node("CYCLES") or node_tree.get_output_node("EEVEE")
+
+
+def find_world(scene: Any, view_layer: Any) -> Any:
+    """Return the world to render, or None: a view layer may override the scene's world since 4.4."""
+    return getattr(view_layer, "world_override", None) or scene.world
+
+
+@dataclass(frozen=True)
+class LightSettings:
+    """The fields of a light that came after 4.2, at the value that changes nothing where they are missing.
+
+    gain : 2 ** exposure; temperature_color : linear RGB; normalize : power is that of the whole light, not of 1 m^2
+    """
+
+    gain: float
+    temperature_color: tuple[float, float, float]
+    normalize: bool
+
+
+def read_light_settings(light: Any) -> LightSettings:
+    """Return what `exposure`, `use_temperature` and `normalize` (all in by 4.5) say of a light."""
+    temperature = light.temperature_color if getattr(light, "use_temperature", False) else (1.0, 1.0, 1.0)
+    return LightSettings(
+        gain=2.0 ** getattr(light, "exposure", 0.0),
+        temperature_color=tuple(temperature[:3]),
+        normalize=getattr(light, "normalize", True),
+    )
+
+
+def set_image_format(settings: Any, file_format: str) -> None:
+    """Set an `ImageFormatSettings.file_format`; since 5.0 its kind of media comes first."""
+    if hasattr(settings, "media_type"):
+        settings.media_type = "MULTI_LAYER_IMAGE" if file_format == "OPEN_EXR_MULTILAYER" else "IMAGE"
+    settings.file_format = file_format
+
+
+def is_portal(light: Any) -> bool:
+    """Return True for an area light that only guides Cycles; the setting is Cycles' own, absent without its add-on."""
+    return bool(getattr(getattr(light, "cycles", None), "is_portal", False))
