@@ -1,0 +1,185 @@
+"""The render engine: Blender calls `render` once for each view layer of a frame.
+
+Reading the scene, building, tracing and writing are `extract`, `raytracer.build`, `raytracer.render` and `output`;
+this module orders them, tells Blender how far they are, and turns every error into one sentence. Imports bpy.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+
+import raytracer
+
+from . import statistics
+from .extract import extract_scene
+from .output import Border, RenderOutput, read_border
+from .passes import declare_passes, enabled_passes
+from .properties import settings_keywords
+
+ENGINE = "REFERENCE_RAYTRACER"
+
+# Seconds between two updates of the picture on the screen: often enough to watch; and the share of the time that
+# updates of a large picture may take from tracing.
+UPDATE_INTERVAL = 0.5
+UPDATE_SHARE = 0.1
+
+# Called with the finished share of the frame, 0 to 1; the command line's progress bar listens here.
+progress_listeners: list[Callable[[float], None]] = []
+
+
+class ReferenceRaytracerEngine(bpy.types.RenderEngine):
+    """Reference Ray Tracer in Blender's list of render engines; one object renders one frame."""
+
+    bl_idname = ENGINE
+    bl_label = "Reference Ray Tracer"
+    bl_use_eevee_viewport = True  # Material Preview is drawn by EEVEE
+
+    layers_done = 0
+    failed = False  # an error in one view layer ends the frame, with one message instead of one for each layer
+
+    def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
+        """Declare the passes of a view layer (Blender's callback)."""
+        declare_passes(self, scene, renderlayer)
+
+    def render(self, depsgraph: Any) -> None:
+        """Render one view layer into Blender's render result (Blender's callback)."""
+        if self.failed or self.test_break():
+            return
+        try:
+            render_view_layer(self, depsgraph)
+        except KeyboardInterrupt:
+            self._fail("interrupted")
+        except MemoryError:
+            self._fail("not enough memory")
+        except ValueError as error:  # the scene cannot be rendered; the message says why
+            self._fail(str(error))
+        except Exception as error:  # nothing may reach Blender: it would take the render for a success
+            traceback.print_exc()
+            self._fail(f"internal error, {type(error).__name__}: {error}")
+        self.layers_done += 1
+
+    def _fail(self, reason: str) -> None:
+        self.failed = True
+        self.report({"ERROR"}, f"{self.bl_label}: {' '.join(reason.split())}")
+
+
+def render_view_layer(engine: Any, depsgraph: Any) -> None:
+    """Read, build, trace and write the view layer of `depsgraph`; report warnings, record what it took."""
+    started = time.perf_counter()
+    scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
+    border = read_border(scene.render, engine.resolution_x, engine.resolution_y)
+    with RenderOutput(engine, view_layer.name, border) as output:
+        engine.update_stats("", "Reading the scene")
+        extraction = extract_scene(depsgraph, enabled_passes(view_layer))
+        warnings = (*map(str, extraction.warnings), *find_ignored_settings(scene))
+        progress = Progress(engine, output, count_view_layers(scene))
+        film = trace(engine, extraction.scene, view_layer, scene, border, progress)
+        output.write(film.passes)
+    for warning in warnings:
+        engine.report({"WARNING"}, warning)
+    taken = statistics.Statistics(
+        passes=enabled_passes(view_layer),
+        width=border.width,
+        height=border.height,
+        samples=progress.samples,
+        triangles=statistics.count_triangles(extraction.scene),
+        rays=film.statistics.rays,
+        build_seconds=film.statistics.build_seconds,
+        trace_seconds=film.statistics.trace_seconds,
+        total_seconds=time.perf_counter() - started,
+        peak_memory_mb=statistics.read_peak_memory(),
+        warnings=warnings,
+        cancelled=engine.test_break(),
+    )
+    statistics.record_view_layer(depsgraph.scene, taken, first=engine.layers_done == 0)
+
+
+def trace(
+    engine: Any, scene: raytracer.Scene, view_layer: Any, settings: Any, border: Border, progress: Progress
+) -> Any:
+    """Return the film of one view layer."""
+    engine.update_stats("", "Building")
+    return raytracer.render(
+        scene,
+        engine.resolution_x,
+        engine.resolution_y,
+        passes=enabled_passes(view_layer),
+        border=border,
+        on_pass=progress.show,
+        is_cancelled=engine.test_break,
+        **settings_keywords(settings),
+    )
+
+
+def count_view_layers(scene: Any) -> int:
+    """Return how many view layers a frame of `scene` has."""
+    return sum(view_layer.use for view_layer in scene.view_layers)
+
+
+def find_ignored_settings(scene: Any) -> list[str]:
+    """Return one warning for each setting of `Scene.render` that the picture does not follow."""
+    ignored = (
+        (scene.render.use_multiview, "Stereoscopy is not supported: every view shows the same picture"),
+        (scene.render.use_motion_blur, "Motion blur is not supported: the picture shows one moment"),
+    )
+    return [text for is_used, text in ignored if is_used]
+
+
+class Progress:
+    """Tells the user, after each pass over the picture, how far a view layer is.
+
+    samples : passes finished so far
+    """
+
+    def __init__(self, engine: Any, output: RenderOutput, layer_count: int) -> None:
+        self.samples = 0
+        self._engine = engine
+        self._output = output
+        self._layer_count = max(layer_count, engine.layers_done + 1)
+        self._started = time.perf_counter()
+        self._next_update = self._started
+
+    def show(self, film: Any, done: int, total: int) -> None:
+        """Update progress bar, text, listeners and, now and then, the picture."""
+        self.samples = done
+        elapsed = time.perf_counter() - self._started
+        share = (self._engine.layers_done + done / total) / self._layer_count
+        self._engine.update_progress(share)
+        remaining = format_duration(elapsed / done * (total - done))
+        self._engine.update_stats("", f"Sample {done}/{total} | Remaining {remaining}")
+        for listener in progress_listeners:
+            listener(share)
+        if done < total and not bpy.app.background:
+            self._show_picture(film)
+
+    def _show_picture(self, film: Any) -> None:
+        started = time.perf_counter()
+        if started < self._next_update:
+            return
+        self._output.write(film.passes)
+        self._output.show()
+        finished = time.perf_counter()
+        self._next_update = finished + max(UPDATE_INTERVAL, (finished - started) / UPDATE_SHARE)
+
+
+def format_duration(seconds: float) -> str:
+    """Return a time as hours, minutes and seconds: '1:02:03' or '02:03'."""
+    minutes, rest = divmod(int(seconds + 0.5), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes:02}:{rest:02}"
+
+
+def register() -> None:
+    """Add the engine to Blender's list."""
+    bpy.utils.register_class(ReferenceRaytracerEngine)
+
+
+def unregister() -> None:
+    """Take the engine out of Blender's list and forget the renders of this session."""
+    bpy.utils.unregister_class(ReferenceRaytracerEngine)
+    statistics.forget_all()
