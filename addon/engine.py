@@ -86,7 +86,7 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         passes=enabled_passes(view_layer),
         width=border.width,
         height=border.height,
-        samples=progress.samples,
+        samples=film.samples,
         triangles=statistics.count_triangles(extraction.scene),
         rays=film.statistics.rays,
         build_seconds=film.statistics.build_seconds,
@@ -94,7 +94,7 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         total_seconds=time.perf_counter() - started,
         peak_memory_mb=statistics.read_peak_memory(),
         warnings=warnings,
-        cancelled=engine.test_break(),
+        cancelled=film.cancelled,
     )
     statistics.record_view_layer(depsgraph.scene, taken, first=engine.layers_done == 0)
 
@@ -131,13 +131,9 @@ def find_ignored_settings(scene: Any) -> list[str]:
 
 
 class Progress:
-    """Tells the user, after each pass over the picture, how far a view layer is.
-
-    samples : passes finished so far
-    """
+    """Tells the user, after each pass over the picture, how far a view layer is."""
 
     def __init__(self, engine: Any, output: RenderOutput, layer_count: int) -> None:
-        self.samples = 0
         self._engine = engine
         self._output = output
         self._layer_count = max(layer_count, engine.layers_done + 1)
@@ -146,7 +142,6 @@ class Progress:
 
     def show(self, film: Any, done: int, total: int) -> None:
         """Update progress bar, text, listeners and, now and then, the picture."""
-        self.samples = done
         elapsed = time.perf_counter() - self._started
         share = (self._engine.layers_done + done / total) / self._layer_count
         self._engine.update_progress(share)

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .passes import PASSES
 from .versions import blender_pass_name
 
 
@@ -80,20 +79,13 @@ class RenderOutput:
         for stored in self._result.layers[0].passes:
             name = names.get(stored.name)
             if name is not None:
-                stored.rect.foreach_set(to_blender_pixels(passes[name], len(PASSES[name].channels)))
+                stored.rect.foreach_set(to_blender_pixels(passes[name]))
 
     def show(self) -> None:
         """Let Blender draw what was written."""
         self._engine.update_result(self._result)
 
 
-def to_blender_pixels(pixels: NDArray[np.float32], channels: int) -> NDArray[np.float32]:
-    """Return (h, w, c) pixels, top row first, as Blender's flat array, bottom row first, of `channels` per pixel.
-
-    Blender's UV pass has a third channel, which is 1 where something was hit; the ray tracer's has as many channels
-    as Blender's in every pass, or the difference is filled with zeros.
-    """
-    height, width, given = pixels.shape
-    flipped = np.zeros((height, width, channels), dtype=np.float32)
-    flipped[..., :given] = pixels[::-1]
-    return flipped.reshape(-1)
+def to_blender_pixels(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (h, w, c) pixels, top row first, as Blender's flat array, bottom row first."""
+    return np.ascontiguousarray(pixels[::-1]).reshape(-1)

@@ -66,7 +66,7 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
     )
     filter_width: FloatProperty(  # type: ignore[valid-type]
         name="Width",
-        description="Width of the pixel filter",
+        description="Pixels that a sample reaches: radius of Blackman-Harris, side of the box (1 is the plain mean)",
         subtype="PIXEL",
         default=1.5,
         min=0.01,

@@ -1,0 +1,47 @@
+# Everything a fresh machine needs, without a screen: `make render`, `make test`; see README.md.
+#
+#   make setup       the project's own virtual environment with Blender as a Python module
+#   make render      render blend_scenes/still_life.blend to build/still_life.png
+#   make test        the tests of the quick tier;  make test-all: the slow ones too
+#   make check       formatting, lint and types
+#   make extension   dist/reference_raytracer-VERSION.zip, to install in Blender
+#
+# PYTHON=... chooses the interpreter for the environment; it must be one that the bpy wheels exist for.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DELETE_ON_ERROR:
+.PHONY: setup render test test-all check extension clean
+
+PYTHON ?=
+SCENE := blend_scenes/still_life.blend
+PICTURE := build/still_life.png
+BIN := .venv/bin
+READY := .venv/ready
+
+setup: $(READY)
+
+$(READY): pyproject.toml .ci/setup
+	@PYTHON='$(PYTHON)' .ci/setup
+	@touch $@
+
+render: $(READY)
+	@mkdir -p $(dir $(PICTURE))
+	@$(BIN)/python -m addon render $(SCENE) -o $(PICTURE)
+
+test: $(READY)
+	@$(BIN)/python -m pytest -m 'not slow' tests
+
+test-all: $(READY)
+	@$(BIN)/python -m pytest tests
+
+check: $(READY)
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy
+
+extension: $(READY)
+	@$(BIN)/python .ci/build_extension dist
+
+clean:
+	rm -rf build dist .venv
