@@ -1,0 +1,141 @@
+"""The stored example scenes: small, complete, and what their scripts build. The oracle is a fresh build."""
+
+import bpy
+import pytest
+
+from blend_scenes import building
+from blend_scenes.make_all import build_scene, list_scenes
+
+pytestmark = pytest.mark.blender
+
+SCENES = list_scenes()
+LARGEST_FILE = 1_500_000  # bytes; a repository keeps every version of a binary file
+HONOURED_SHADERS = {
+    *("ShaderNodeBsdfPrincipled", "ShaderNodeBsdfDiffuse", "ShaderNodeBsdfGlass"),
+    "ShaderNodeBsdfAnisotropic",  # the Glossy node
+    *("ShaderNodeEmission", "ShaderNodeOutputMaterial"),
+}
+TRIANGLES_OF_TERRAIN = 2 * 2 * 4**8  # two faces of two triangles, each divided into four, eight times
+SPHERES = {"plane_and_spheres": 4, "spheres_point_cloud": 3000 + 28 + 700}
+
+
+@pytest.fixture(autouse=True)
+def _leave_no_scene_behind():
+    yield
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+
+
+def open_stored(name: str) -> bpy.types.Scene:
+    bpy.ops.wm.open_mainfile(filepath=str(building.SCENES / f"{name}.blend"))
+    return bpy.context.scene
+
+
+def count_geometry() -> dict[str, int]:
+    """Evaluate the open scene; count what a renderer is given."""
+    counts = {"triangles": 0, "meshes": 0, "instances": 0, "spheres": 0}
+    meshes = set()
+    for placed in bpy.context.evaluated_depsgraph_get().object_instances:
+        data = placed.object.data
+        if placed.object.type == "POINTCLOUD":
+            counts["spheres"] += len(data.points)
+        elif placed.object.type == "MESH":
+            data.calc_loop_triangles()
+            meshes.add(data.as_pointer())
+            counts["triangles"] += len(data.loop_triangles)
+            counts["instances"] += placed.is_instance
+    return counts | {"meshes": len(meshes)}
+
+
+def describe_scene() -> dict[str, object]:
+    """Return what must be equal of a stored and of a fresh scene."""
+    scene = bpy.context.scene
+    return {
+        "objects": {thing.name: (thing.type, [slot.name for slot in thing.material_slots]) for thing in scene.objects},
+        "collections": sorted(collection.name for collection in bpy.data.collections),
+        "lights": sorted((light.name, light.type, light.energy) for light in bpy.data.lights),
+        "materials": sorted(material.name for material in bpy.data.materials),
+        "camera": scene.camera.name,
+        "size": (scene.render.resolution_x, scene.render.resolution_y),
+        "view transform": scene.view_settings.view_transform,
+        "geometry": count_geometry(),
+    }
+
+
+def test_scene_files_are_those_of_the_scripts():
+    assert sorted(path.stem for path in building.SCENES.glob("*.blend")) == SCENES
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_stored_scene_equals_its_script(name):
+    build_scene(name)
+    fresh = describe_scene()
+    open_stored(name)
+    assert describe_scene() == fresh
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_stored_scene_is_small_and_from_the_oldest_blender(name):
+    assert (building.SCENES / f"{name}.blend").stat().st_size < LARGEST_FILE
+    open_stored(name)
+    assert bpy.data.version[:2] == building.SAVED_WITH
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_stored_scene_misses_nothing(name):
+    scene = open_stored(name)
+    assert scene.camera is not None
+    assert scene.world is not None
+    assert scene.render.engine == "CYCLES"
+    assert not bpy.data.libraries
+    assert all(font.filepath == "<builtin>" for font in bpy.data.fonts)
+    assert not [image.name for image in bpy.data.images if image.source == "FILE"]
+    for thing in scene.objects:
+        assert thing.type == "EMPTY" or thing.data is not None, thing.name
+        assert all(slot.material for slot in thing.material_slots), thing.name
+        assert all(modifier.show_render for modifier in thing.modifiers), thing.name
+    for tree in bpy.data.node_groups:
+        assert all(node.bl_idname != "NodeUndefined" for node in tree.nodes), tree.name
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_stored_scene_uses_only_honoured_shaders(name):
+    open_stored(name)
+    for material in bpy.data.materials:
+        kinds = {node.bl_idname for node in material.node_tree.nodes}
+        assert kinds <= HONOURED_SHADERS, material.name
+
+
+@pytest.mark.parametrize(("name", "count"), SPHERES.items())
+def test_point_clouds_are_true_spheres(name, count):
+    open_stored(name)
+    assert count_geometry()["spheres"] == count
+
+
+def test_forest_instances_its_trees():
+    open_stored("forest")
+    counts = count_geometry()
+    assert counts["instances"] >= 1000
+    assert counts["meshes"] == 4  # the ground and three trees
+
+
+def test_terrain_has_the_triangles_of_its_modifiers():
+    open_stored("terrain")
+    lake = 2
+    assert count_geometry()["triangles"] == TRIANGLES_OF_TERRAIN + lake
+
+
+def test_lights_shows_every_kind_and_every_area_shape():
+    open_stored("lights")
+    assert {light.type for light in bpy.data.lights} == {"POINT", "SUN", "SPOT", "AREA"}
+    shapes = {light.shape for light in bpy.data.lights if light.type == "AREA"}
+    assert shapes == {"SQUARE", "RECTANGLE", "DISK", "ELLIPSE"}
+    assert {light.spot_blend for light in bpy.data.lights if light.type == "SPOT"} == {0.0, 1.0}
+
+
+def test_newer_blender_refuses_to_save_a_scene(monkeypatch, tmp_path):
+    newer = (building.SAVED_WITH[0], building.SAVED_WITH[1] + 1)
+    if bpy.app.version[:2] == building.SAVED_WITH:
+        monkeypatch.setattr(building, "SAVED_WITH", newer)
+    with pytest.raises(SystemExit, match=r"saved with Blender 4\.\d"):
+        building.save_scene(tmp_path / "scene.blend")
+    assert not list(tmp_path.iterdir())
