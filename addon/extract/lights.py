@@ -55,11 +55,19 @@ def read_light_nodes(light: Any, place: Place) -> Color:
     return np.sum(factors, axis=0) if factors else np.zeros(3)
 
 
+def read_angle(angle: float) -> float:
+    """Return an angle of at most pi; Blender's own pi, in float32, is larger."""
+    return min(angle, math.pi)
+
+
 def read_bulb(light: Any, normalize: bool, power: Color) -> tuple[float, Color]:
-    """Return radius and power of the sphere that a point or spot light is; area 4 pi r^2."""
+    """Return radius and power of the sphere, of area 4 pi r^2, that a point or spot light is.
+
+    A light without radius counts as 4 m^2 in Cycles where power is not normalized (rendered with 5.0 and 5.2).
+    """
     radius = light.shadow_soft_size
-    area = 4 * math.pi * radius**2
-    return radius, power if normalize or radius == 0 else power * area
+    area = 4 * math.pi * radius**2 if radius > 0 else 4.0
+    return radius, power if normalize else power * area
 
 
 def make_point(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: Place) -> Any:
@@ -78,7 +86,7 @@ def make_spot(light: Any, matrix: Matrix, power: Color, normalize: bool, common:
         radius=radius,
         soft_falloff=light.use_soft_falloff,
         world_from_light=matrix[:3, :3],
-        spot_size=light.spot_size,
+        spot_size=read_angle(light.spot_size),
         spot_blend=light.spot_blend,
         **common,
     )
@@ -89,9 +97,9 @@ def make_sun(light: Any, matrix: Matrix, power: Color, normalize: bool, common: 
         place.warn("a sun scaled to zero has no direction and is left out")
         return None
     # Irradiance of radiance L over the disc: pi sin^2(angle / 2) L.
-    projected = math.pi * math.sin(light.angle / 2) ** 2
-    strength = power if normalize or light.angle == 0 else power * projected
-    return raytracer.SunLight(matrix[:3, 2], strength, light.angle, **common)
+    angle = read_angle(light.angle)
+    strength = power if normalize or angle == 0 else power * math.pi * math.sin(angle / 2) ** 2
+    return raytracer.SunLight(matrix[:3, 2], strength, angle, **common)
 
 
 def make_area(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: Place) -> Any:
@@ -110,6 +118,6 @@ def make_area(light: Any, matrix: Matrix, power: Color, normalize: bool, common:
         axis_v=axis_v,
         power=power if normalize else power * area,
         shape="ellipse" if is_ellipse else "rectangle",
-        spread=light.spread,
+        spread=read_angle(light.spread),
         **common,
     )

@@ -1,0 +1,57 @@
+"""Version differences against the Blender that runs the test."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import pytest
+
+from addon import versions
+
+pytestmark = pytest.mark.blender
+
+SWITCHES = {
+    "use_pass_object_index": "Object Index",
+    "use_pass_material_index": "Material Index",
+    "use_pass_diffuse_direct": "Diffuse Direct",
+    "use_pass_diffuse_indirect": "Diffuse Indirect",
+    "use_pass_diffuse_color": "Diffuse Color",
+    "use_pass_glossy_direct": "Glossy Direct",
+    "use_pass_glossy_indirect": "Glossy Indirect",
+    "use_pass_glossy_color": "Glossy Color",
+    "use_pass_transmission_direct": "Transmission Direct",
+    "use_pass_transmission_indirect": "Transmission Indirect",
+    "use_pass_transmission_color": "Transmission Color",
+    "use_pass_emit": "Emission",
+    "use_pass_environment": "Environment",
+    "use_pass_ambient_occlusion": "Ambient Occlusion",
+    "use_pass_z": "Depth",
+    "use_pass_position": "Position",
+    "use_pass_normal": "Normal",
+    "use_pass_uv": "UV",
+}
+
+
+def test_pass_names_are_those_of_cycles(empty_scene: Any) -> None:
+    from cycles.engine import list_render_passes  # Blender's own add-on, importable once bpy is
+
+    empty_scene.cycles.use_denoising = False
+    view_layer = empty_scene.view_layers[0]
+    for switch in SWITCHES:
+        setattr(view_layer, switch, True)
+    names = {name for name, _, _ in list_render_passes(empty_scene, view_layer)}
+    assert {versions.blender_pass_name(name) for name in SWITCHES.values()} <= names
+
+
+def test_eevee_engine_name_is_one_that_blender_takes(empty_scene: Any) -> None:
+    empty_scene.render.engine = versions.eevee_engine_name()
+    assert empty_scene.render.engine == versions.eevee_engine_name()
+
+
+def test_node_tree_in_use_is_found_without_warning() -> None:
+    light = bpy.data.lights.new("Light", "POINT")
+    material, world = bpy.data.materials.new("Material"), bpy.data.worlds.new("World")
+    always = versions.VERSION >= (5, 0)
+    assert [versions.find_node_tree(owner) is not None for owner in (material, world)] == [always, always]
+    assert (versions.find_node_tree(light) is not None) == (versions.VERSION >= (5, 2))
