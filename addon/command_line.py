@@ -6,9 +6,11 @@ bpy is imported where it is used, so that `--help` answers at once and without i
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, NoReturn
@@ -51,10 +53,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments.run(arguments)
     except KeyboardInterrupt:
         return _print_error("interrupted")
+    except OSError as error:
+        return _print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     except Exception as error:
         if sys.flags.dev_mode:  # python -X dev -m addon ...: for developers, with the traceback
             raise
-        known = isinstance(error, CommandError | ValueError | OSError | MemoryError)
+        known = isinstance(error, CommandError | ValueError | MemoryError)
         return _print_error(str(error) if known else f"internal error, {type(error).__name__}: {error}")
     return 0
 
@@ -83,6 +87,18 @@ def _reopen(stream: Any) -> IO[str]:
     return os.fdopen(os.dup(stream.fileno()), "w", encoding=stream.encoding, errors=stream.errors, buffering=1)
 
 
+def first_line(message: str) -> str:
+    """Return the first line of what an operator reported, without its 'Error: '."""
+    return message.strip().splitlines()[0].removeprefix("Error: ")
+
+
+@contextlib.contextmanager
+def hide_python_output() -> Iterator[None]:
+    """Hide what scripts of Blender's print through Python."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        yield
+
+
 def open_blend(path: str) -> Any:
     """Open a .blend with the render engine registered; return bpy.
 
@@ -99,9 +115,10 @@ def open_blend(path: str) -> Any:
 
     register()
     try:
-        bpy.ops.wm.open_mainfile(filepath=str(file.resolve()), load_ui=False)
+        with hide_python_output():
+            bpy.ops.wm.open_mainfile(filepath=str(file.resolve()), load_ui=False)
     except RuntimeError as error:
-        raise CommandError(f"{path}: {str(error).removeprefix('Error: ')}") from None
+        raise CommandError(f"{path}: {first_line(str(error))}") from None
     return bpy
 
 

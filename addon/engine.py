@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 
 import raytracer
+from raytracer.workers import WorkerError
 
 from . import statistics
 from .extract import extract_scene
@@ -23,10 +24,11 @@ from .properties import settings_keywords
 
 ENGINE = "REFERENCE_RAYTRACER"
 
-# Seconds between two updates of the picture on the screen: often enough to watch; and the share of the time that
-# updates of a large picture may take from tracing.
-UPDATE_INTERVAL = 0.5
-UPDATE_SHARE = 0.1
+# Seconds between two updates of text and progress bar, and of the picture on the screen: often enough to watch; and
+# the share of the time that updates of a large picture may take from tracing.
+TEXT_INTERVAL = 0.1
+PICTURE_INTERVAL = 0.5
+PICTURE_SHARE = 0.1
 
 # Called with the finished share of the frame, 0 to 1; the command line's progress bar listens here.
 progress_listeners: list[Callable[[float], None]] = []
@@ -56,7 +58,7 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
             self._fail("interrupted")
         except MemoryError:
             self._fail("not enough memory")
-        except ValueError as error:  # the scene cannot be rendered; the message says why
+        except (ValueError, WorkerError) as error:  # the message says why this scene, here, cannot be rendered
             self._fail(str(error))
         except Exception as error:  # nothing may reach Blender: it would take the render for a success
             traceback.print_exc()
@@ -110,7 +112,8 @@ def trace(
         engine.resolution_y,
         passes=enabled_passes(view_layer),
         border=border,
-        on_pass=progress.show,
+        on_pass=progress.show_pass,
+        on_progress=progress.show_share,
         is_cancelled=engine.test_break,
         **settings_keywords(settings),
     )
@@ -131,35 +134,39 @@ def find_ignored_settings(scene: Any) -> list[str]:
 
 
 class Progress:
-    """Tells the user, after each pass over the picture, how far a view layer is."""
+    """Tells the user how far the frame is, and shows the picture so far."""
 
     def __init__(self, engine: Any, output: RenderOutput, layer_count: int) -> None:
         self._engine = engine
         self._output = output
         self._layer_count = max(layer_count, engine.layers_done + 1)
+        self._samples = ""
         self._started = time.perf_counter()
-        self._next_update = self._started
+        self._next_text = self._next_picture = self._started
 
-    def show(self, film: Any, done: int, total: int) -> None:
-        """Update progress bar, text, listeners and, now and then, the picture."""
-        elapsed = time.perf_counter() - self._started
-        share = (self._engine.layers_done + done / total) / self._layer_count
-        self._engine.update_progress(share)
-        remaining = format_duration(elapsed / done * (total - done))
-        self._engine.update_stats("", f"Sample {done}/{total} | Remaining {remaining}")
+    def show_share(self, share: float) -> None:
+        """Update progress bar, remaining time and listeners; `share` of this view layer is done."""
+        now = time.perf_counter()
+        if now < self._next_text and share < 1:
+            return
+        self._next_text = now + TEXT_INTERVAL
+        remaining = format_duration((now - self._started) / share * (1 - share))
+        self._engine.update_stats("", f"{self._samples}Remaining {remaining}")
+        of_frame = (self._engine.layers_done + share) / self._layer_count
+        self._engine.update_progress(of_frame)
         for listener in progress_listeners:
-            listener(share)
-        if done < total and not bpy.app.background:
-            self._show_picture(film)
+            listener(of_frame)
 
-    def _show_picture(self, film: Any) -> None:
+    def show_pass(self, film: Any, done: int, total: int) -> None:
+        """Count the samples; update the picture now and then, where there is a screen to see it on."""
+        self._samples = f"Sample {done}/{total} | "
         started = time.perf_counter()
-        if started < self._next_update:
+        if bpy.app.background or done == total or started < self._next_picture:
             return
         self._output.write(film.passes)
         self._output.show()
         finished = time.perf_counter()
-        self._next_update = finished + max(UPDATE_INTERVAL, (finished - started) / UPDATE_SHARE)
+        self._next_picture = finished + max(PICTURE_INTERVAL, (finished - started) / PICTURE_SHARE)
 
 
 def format_duration(seconds: float) -> str:

@@ -236,7 +236,7 @@ def is_joined(panel: Any) -> bool:
     return "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and not left_out
 
 
-def all_subclasses(kind: type) -> Iterator[type]:
+def all_subclasses(kind: Any) -> Iterator[Any]:
     """Yield the classes that derive from `kind`, directly or not."""
     for subclass in kind.__subclasses__():
         yield subclass

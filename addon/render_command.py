@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import io
 import json
-import os
 import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .command_line import CommandError, open_blend
+from .command_line import CommandError, first_line, hide_python_output, open_blend
 
 SUFFIXES = (".png", ".exr")
 PRECISIONS = ("certified", "float64", "float32")
@@ -106,8 +104,11 @@ def check_output(path: Path, passes: tuple[str, ...] | None) -> Path:
         raise CommandError(f"{path}: is a folder")
     if not path.parent.is_dir():
         raise CommandError(f"{path.parent}: no such folder")
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
-        raise CommandError(f"{path}: cannot be written")
+    is_new = not path.exists()
+    with path.open("ab"):  # the one sure way to know; OSError says why not
+        pass
+    if is_new:
+        path.unlink()
     return path
 
 
@@ -167,8 +168,9 @@ def render_frame(bpy: Any, scene: Any, path: Path) -> Any:
     Blender's FINISHED proves nothing, and it reads braces in a path as a template: the picture goes to a fresh folder
     of ours first, and only one that is there moves on.
     """
-    from .statistics import last_render
+    from .statistics import forget_all, last_render
 
+    forget_all()
     with tempfile.TemporaryDirectory() as folder:
         picture = Path(folder) / f"picture{path.suffix.lower()}"
         scene.render.filepath = str(picture)
@@ -181,19 +183,10 @@ def render_frame(bpy: Any, scene: Any, path: Path) -> Any:
         if not picture.exists() or not picture.stat().st_size:
             raise CommandError(f"{path}: Blender wrote no picture")
         shutil.move(picture, path)
-    return last_render(scene)
-
-
-def first_line(message: str) -> str:
-    """Return the first line of what an operator reported, without its 'Error: '."""
-    return message.strip().splitlines()[0].removeprefix("Error: ")
-
-
-@contextlib.contextmanager
-def hide_python_output() -> Iterator[None]:
-    """Hide what scripts of Blender's print through Python."""
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        yield
+    taken = last_render(scene)
+    if taken is None:
+        raise CommandError(f"{path}: the scene's video sequencer made the picture, not the render engine")
+    return taken
 
 
 @contextlib.contextmanager
@@ -208,7 +201,10 @@ def show_progress(label: str) -> Iterator[None]:
         return
     layout = "{desc}: {percentage:3.0f}%|{bar}| {elapsed} < {remaining}"
     with tqdm(total=1.0, desc=label, file=sys.stderr, disable=None, bar_format=layout) as bar:
-        listener: Callable[[float], None] = lambda share: bar.update(share - bar.n)  # noqa: E731
+
+        def listener(share: float) -> None:
+            bar.update(share - bar.n)
+
         progress_listeners.append(listener)
         try:
             yield
