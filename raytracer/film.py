@@ -1,0 +1,124 @@
+"""The film: what the samples of each pixel add up to, pass by pass.
+
+PASSES is the one table of passes. What they hold follows Cycles (`kernel/film/data_passes.h` and `read.h` in its
+source): light, colours, Normal and UV are means over a pixel's samples, in which a ray that hit nothing counts as 0;
+Depth, Position and the indices come from the one ray through the pixel's centre, for a mean of two surfaces lies on
+neither. Imports NumPy and the type aliases of `rays`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.rays import Floats
+
+
+@dataclass(frozen=True)
+class Pass:
+    """What a pass holds.
+
+    channels : numbers per pixel
+    from_centre : True where the value is that of the ray through the pixel's centre, not a mean over samples
+    miss : what each channel holds where that ray hits nothing
+    """
+
+    channels: int
+    from_centre: bool = False
+    miss: float = 0.0
+
+
+PASSES = {
+    "Combined": Pass(4),  # linear RGB, already multiplied by alpha (premultiplied)
+    "Depth": Pass(1, from_centre=True, miss=1e10),  # metres along the camera's viewing axis
+    "Position": Pass(3, from_centre=True),  # metres, world
+    "Normal": Pass(3),  # shading normal, world, towards the ray
+    "UV": Pass(3),  # u, v, 1
+    "Object Index": Pass(1, from_centre=True),
+    "Material Index": Pass(1, from_centre=True),
+    "Diffuse Color": Pass(3),
+    "Emission": Pass(3),
+    "Shadow": Pass(3),  # share of the direct light that reaches the surface
+}
+
+
+@dataclass
+class Statistics:
+    """What a render took.
+
+    rays : rays cast, of every kind
+    build_seconds, trace_seconds : preparing the caster; everything after that, by the clock
+    """
+
+    rays: int = 0
+    build_seconds: float = 0.0
+    trace_seconds: float = 0.0
+
+
+@dataclass(eq=False)
+class Film:
+    """The picture, or the part of it inside a border, as it accumulates.
+
+    A pixel's samples are added in float64 in the order of their numbers, so the sums do not depend on how the picture
+    was divided among blocks or workers. Only the passes asked for are stored.
+
+    width, height : pixels
+    names : the passes, names from PASSES
+    samples : finished passes over the whole film
+    cancelled : True where the render was stopped before the last sample
+    """
+
+    width: int
+    height: int
+    names: tuple[str, ...]
+    samples: int = 0
+    cancelled: bool = False
+    statistics: Statistics = field(default_factory=Statistics)
+
+    def __post_init__(self) -> None:
+        pixels = self.width * self.height
+        self._sums = {name: np.zeros((pixels, PASSES[name].channels)) for name in self.names}
+        self._counts = np.zeros(pixels, dtype=np.int32)
+
+    def add(self, pixels: slice, values: Mapping[str, Floats]) -> None:
+        """Add one sample of each mean pass to a run of pixels.
+
+        Parameters
+        ----------
+        pixels : slice of the film's pixels, counted along rows from the LOWER left, as the camera counts
+        values : (n, channels) float64 for each mean pass of the film
+        """
+        for name in select_passes(self.names, from_centre=False):
+            self._sums[name][pixels] += values[name]
+        self._counts[pixels] += 1
+
+    def set_centre(self, pixels: slice, values: Mapping[str, Floats]) -> None:
+        """Store the passes that come from the pixel's centre; parameters as `add`."""
+        for name in select_passes(self.names, from_centre=True):
+            self._sums[name][pixels] = values[name]
+
+    @property
+    def passes(self) -> dict[str, NDArray[np.float32]]:
+        """Every pass by name, (h, w, channels) float32."""
+        return {name: self[name] for name in self.names}
+
+    def __getitem__(self, name: str) -> NDArray[np.float32]:
+        """Return one pass, (h, w, channels) float32; row 0 is the TOP row of the picture.
+
+        The mean of the samples so far; 0 where there are none yet.
+        """
+        if name not in self._sums:
+            raise KeyError(f"the film has no pass {name!r}; it has {', '.join(self.names)}")
+        values = self._sums[name]
+        if not PASSES[name].from_centre:
+            values = values / np.maximum(self._counts, 1)[:, np.newaxis]
+        picture = values.reshape(self.height, self.width, -1)[::-1]
+        return np.ascontiguousarray(picture, dtype=np.float32)
+
+
+def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
+    """Return those of the passes that come from the pixel's centre, or those that do not."""
+    return tuple(name for name in names if PASSES[name].from_centre == from_centre)
