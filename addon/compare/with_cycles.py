@@ -1,0 +1,131 @@
+"""This engine's picture against Cycles' of the same .blend: is every difference noise, and if not, how large is it?
+
+Combined is rendered in several independent batches by both engines and put to the tests of `metrics`. The other passes
+are rendered once, through the centres of the pixels, where both engines should see the same point. Imports bpy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import metrics
+from .flip import flip, mean_flip
+from .picture import save_png, show_heat, show_linear
+from .rendering import Rendering, Request, render_both
+
+# Passes that hold one value per surface point, and those that hold one whole number.
+POINT_PASSES = ("Depth", "Position", "Normal")
+INDEX_PASSES = ("Object Index", "Material Index")
+# The narrowest filter that both engines know: samples stay within 0.005 pixels of the centre.
+CENTRE_WIDTH = 0.01
+BATCHES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class PassDifference:
+    """How a pass of ours differs from Cycles'.
+
+    differing : (h, w) bool, pixels where sampling within `CENTRE_WIDTH` and float32 cannot explain the difference
+    largest_elsewhere : the largest difference in the other pixels, in the pass's own unit
+    """
+
+    differing: NDArray[np.bool_]
+    largest_elsewhere: float
+
+    @property
+    def share(self) -> float:
+        return float(self.differing.mean())
+
+
+@dataclass(frozen=True, eq=False)
+class CyclesComparison:
+    """Combined of both engines in batches (k, h, w, 4), and the differences of the passes by name."""
+
+    ours: Rendering
+    cycles: Rendering
+    passes: dict[str, PassDifference]
+
+    def summarise(self) -> dict[str, Any]:
+        """Return the numbers that the command line prints, one JSON object."""
+        ours, cycles = self.ours.passes["Combined"][..., :3], self.cycles.passes["Combined"][..., :3]
+        mean_ours, mean_cycles = ours.mean(axis=0, dtype=np.float64), cycles.mean(axis=0, dtype=np.float64)
+        return {
+            "rmse": metrics.root_mean_square_error(mean_ours, mean_cycles),
+            "rel_mse": metrics.relative_mean_square_error(mean_ours, mean_cycles),
+            "flip": mean_flip(mean_ours, mean_cycles),
+            "z_fail_share": metrics.share_failing_pixels(ours, cycles),
+            "tile_error": metrics.largest_tile_difference(mean_ours, mean_cycles),
+            "passes": {name: difference.share for name, difference in self.passes.items()},
+            "ours_seconds": self.ours.seconds,
+            "cycles_seconds": self.cycles.seconds,
+        }
+
+    def save_picture(self, path: str | Path) -> None:
+        """Write a PNG of ours, Cycles' and the FLIP error between them, side by side."""
+        means = [side.passes["Combined"][..., :3].mean(axis=0) for side in (self.ours, self.cycles)]
+        panels = [*(show_linear(mean) for mean in means), show_heat(flip(*means))]
+        save_png(path, np.concatenate(panels, axis=1))
+
+
+def compare_with_cycles(
+    scene: Any, view_layer: Any, width: int, height: int, samples: int, batches: int = BATCHES
+) -> CyclesComparison:
+    """Render a scene with both engines and compare.
+
+    Parameters
+    ----------
+    scene, view_layer : bpy.types.Scene and one of its view layers; their settings are put back afterwards
+    samples : per pixel, shared out among `batches`, at least one each
+    """
+    max_bounces = scene.reference_raytracer.max_bounces
+    picture = Request(width, height, max(1, samples // batches), max_bounces, batches)
+    ours, cycles = render_both(scene, view_layer, picture)
+    return CyclesComparison(ours, cycles, compare_passes(scene, view_layer, width, height))
+
+
+def compare_passes(scene: Any, view_layer: Any, width: int, height: int) -> dict[str, PassDifference]:
+    """Render the passes through the pixel centres with both engines, and return their differences by name."""
+    names = ("Combined", *POINT_PASSES, *INDEX_PASSES)
+    centres = Request(width, height, 1, 0, filter_width=CENTRE_WIDTH, passes=names)
+    ours, cycles = render_both(scene, view_layer, centres)
+    return {name: compare_pass(name, ours.passes[name][0], cycles.passes[name][0]) for name in names[1:]}
+
+
+def compare_pass(name: str, ours: NDArray[np.float32], cycles: NDArray[np.float32]) -> PassDifference:
+    """Return where and by how much a pass (h, w, c) differs.
+
+    Indices have to be equal. Values may differ by what a sample within the filter can see of the neighbourhood,
+    `CENTRE_WIDTH` times the step to the farthest neighbour, and by float32 rounding of the largest value in the
+    picture (a coordinate is the rounded difference of larger ones).
+    """
+    ours, cycles = ours.astype(np.float64), cycles.astype(np.float64)
+    difference = np.abs(ours - cycles).max(axis=-1)
+    if name in INDEX_PASSES:
+        allowed = np.zeros_like(difference)
+    else:
+        surface = cycles[np.abs(cycles) < BACKGROUND_DEPTH]
+        rounding = metrics.FLOAT32_SLACK * np.abs(surface).max(initial=0.0)
+        allowed = CENTRE_WIDTH * measure_largest_step(cycles) + rounding
+    differing = ~(difference <= allowed)
+    return PassDifference(differing, float(difference[~differing].max(initial=0.0)))
+
+
+# Cycles' depth where a ray hits nothing.
+BACKGROUND_DEPTH = 1e10
+
+
+def measure_largest_step(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (h, w): the largest difference of any channel between a pixel of (h, w, c) and its eight neighbours."""
+    padded = np.pad(values, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    height, width = values.shape[:2]
+    steps = [
+        np.abs(padded[row : row + height, column : column + width] - values).max(axis=-1)
+        for row in range(3)
+        for column in range(3)
+    ]
+    return np.max(steps, axis=0)
