@@ -8,20 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from raytracer.accelerate.brute_force import offer_all
 from raytracer.accelerate.geometry import Geometry, pack_geometry
+from raytracer.accelerate.hierarchy import build_hierarchy, choose_flattened
 from raytracer.accelerate.primitives import PRECISIONS, Primitives, make_primitives
 from raytracer.accelerate.search import Search
+from raytracer.accelerate.traverse import offer_traversed
 from raytracer.checks import require_choice
 from raytracer.rays import Booleans, Hits, Rays, make_rays
 from raytracer.scene import Scene
 
 # Rays per batch: their state and the candidates they bring stay within a few tens of megabytes.
 BATCH_RAYS = 1 << 16
+# Up to this many primitives, testing all of them is quicker than a tree.
+BRUTE_FORCE_LIMIT = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +104,10 @@ def build(scene: Scene, precision: str = "certified") -> Caster:
     """
     require_choice(precision, PRECISIONS, "build: precision")
     geometry = pack_geometry(scene)
-    flattened = np.ones(len(geometry.instance_mesh), dtype=bool)
-    return Caster(scene, make_primitives(geometry, precision, flattened), offer_all)
+    primitives = make_primitives(geometry, precision, choose_flattened(geometry))
+    if geometry.first_id[-1] <= BRUTE_FORCE_LIMIT:
+        return Caster(scene, primitives, offer_all)
+    return Caster(scene, primitives, partial(offer_traversed, build_hierarchy(primitives)))
 
 
 def _split(rays: Rays) -> list[Rays]:

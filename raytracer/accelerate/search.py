@@ -73,19 +73,15 @@ class Search:
         reach = np.maximum(np.abs(low - self.rays.origins), np.abs(high - self.rays.origins)).max(axis=1)
         return predicates.edge_error_of_ray(self.rays.directions.T, reach * (1 + predicates.gamma(3)))
 
-    def offer(self, ray: Indices, primitive_id: Ids) -> None:
-        """Take in candidates: rays by index, primitives by id, in any order and number."""
-        spheres_begin = self.primitives.geometry.sphere_id
+    def offer(self, ray: Indices, primitive_id: Ids) -> Indices:
+        """Take in candidates, rays by index and primitives by id, in any order; return rays whose `best` may have changed."""
         if not len(self.primitives.geometry.radii):
-            self._offer_triangles(ray, primitive_id)
-            return
-        is_sphere = primitive_id >= spheres_begin
-        if not is_sphere.all():
-            self._offer_triangles(ray[~is_sphere], primitive_id[~is_sphere])
-        if is_sphere.any():
-            self._offer_spheres(ray[is_sphere], primitive_id[is_sphere])
+            return self._offer_triangles(ray, primitive_id)
+        sphere = primitive_id >= self.primitives.geometry.sphere_id
+        triangles = self._offer_triangles(ray[~sphere], primitive_id[~sphere])
+        return np.concatenate([triangles, self._offer_spheres(ray[sphere], primitive_id[sphere])])
 
-    def _offer_triangles(self, ray: Indices, primitive_id: Ids) -> None:
+    def _offer_triangles(self, ray: Indices, primitive_id: Ids) -> Indices:
         corners = gather_corners(self.primitives, primitive_id)  # (9, k)
         lines = np.ascontiguousarray(np.take(self.ray_rows, ray, axis=0).T)  # (6, k)
         bound = np.take(self.edge_error, ray)
@@ -94,8 +90,6 @@ class Search:
         highest = np.maximum(np.maximum(edges[0], edges[1]), edges[2])
         lowest = np.minimum(np.minimum(edges[0], edges[1]), edges[2])
         index = np.flatnonzero(~((highest > bound) & (lowest < -bound)))
-        if not len(index):
-            return
         inside = (lowest[index] > bound[index]) | (highest[index] < -bound[index])
         corners, lines, ray, primitive_id = corners[:, index], lines[:, index], ray[index], primitive_id[index]
         side_b, side_c, relative = corners[3:6] - corners[:3], corners[6:9] - corners[:3], corners[:3] - lines[:3]
@@ -104,49 +98,48 @@ class Search:
             denominator = predicates.dot(lines[3:], normal)
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 t = predicates.dot(relative, normal) / denominator
-            self._accept(ray, primitive_id, np.where(denominator != 0, t, np.nan))
-            return
+            return self._accept(ray, primitive_id, np.where(denominator != 0, t, np.nan))
         plane = predicates.intersect_plane_certified(lines[3:], relative, side_b, side_c)
         possible = np.ones(len(ray), dtype=bool)
         doubtful = np.flatnonzero(~inside)
         if len(doubtful):
             inside[doubtful], possible[doubtful] = _judge_edges(lines[:, doubtful], corners[:, doubtful])
-        self._weigh(ray, primitive_id, plane.t, plane.t_error, inside, possible)
+        return self._weigh(ray, primitive_id, plane.t, plane.t_error, inside, possible)
 
-    def _offer_spheres(self, ray: Indices, primitive_id: Ids) -> None:
+    def _offer_spheres(self, ray: Indices, primitive_id: Ids) -> Indices:
         centre, radius = gather_spheres(self.primitives, primitive_id)
         lines = np.ascontiguousarray(np.take(self.ray_rows, ray, axis=0).T)
         roots = predicates.intersect_sphere_certified(lines[3:], centre - lines[:3], radius)
         t_min = self.t_min[ray]
         if not self.certified:
             t = np.where(roots.near >= t_min, roots.near, roots.far)
-            self._accept(ray, primitive_id, np.where(roots.discriminant >= 0, t, np.nan))
-            return
+            return self._accept(ray, primitive_id, np.where(roots.discriminant >= 0, t, np.nan))
         passed = roots.near + roots.error < t_min  # the first root lies before the range beyond doubt
         t = np.where(passed, roots.far, roots.near)
         sure = roots.discriminant > roots.discriminant_error
         possible = ~(roots.discriminant < -roots.discriminant_error)
         # Doubt which root is the first in range: the far one's interval has to count as well.
         split = ~passed & ~(roots.near - roots.error >= t_min)
-        self._weigh(ray, primitive_id, t, np.where(split, np.inf, roots.error), sure & ~split, possible)
+        return self._weigh(ray, primitive_id, t, np.where(split, np.inf, roots.error), sure & ~split, possible)
 
-    def _accept(self, ray: Indices, primitive_id: Ids, t: Floats) -> None:
+    def _accept(self, ray: Indices, primitive_id: Ids, t: Floats) -> Indices:
         """Plain precisions: believe t (NaN = no hit); nearest first, then the lowest id."""
         index = np.flatnonzero((t >= self.t_min[ray]) & (t <= self.best[ray]))
         ray, primitive_id, t = ray[index], primitive_id[index], t[index].astype(np.float64)
         if self.any_hit:
             self.best_id[ray], self.best[ray] = primitive_id, -np.inf
-            return
+            return ray
         before = self.best[ray]
         np.minimum.at(self.best, ray, t)
         nearer = self.best[ray] < before
         self.best_id[ray[nearer]] = NO_ID
         winner = t == self.best[ray]
         np.minimum.at(self.best_id, ray[winner], primitive_id[winner])
+        return ray
 
     def _weigh(
         self, ray: Indices, primitive_id: Ids, t: Floats, error: Floats, inside: Booleans, possible: Booleans
-    ) -> None:
+    ) -> Indices:
         """Certified: drop what is certainly out, keep the rest in the pool, lower `best` by what is certainly in."""
         with np.errstate(invalid="ignore"):
             low, high = t - error, t + error
@@ -160,6 +153,7 @@ class Search:
         else:
             np.minimum.at(self.best, ray[certain], high[certain])
         self.pool.append(Candidates(ray, primitive_id, t, low, certain).select(np.flatnonzero(possible)))
+        return ray[certain]
 
     def _remaining(self) -> Candidates:
         """The pool's candidates that are still possible, sorted by ray, then id."""
