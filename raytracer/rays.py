@@ -6,7 +6,8 @@ lies on an object. Imports `checks` only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,15 @@ from raytracer.checks import as_array
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
 Booleans = NDArray[np.bool_]
+
+
+Record = TypeVar("Record")
+
+
+def _select_rows(record: Record, rows: Any) -> Record:
+    """Return the record with every array cut down to `rows`; None stays None."""
+    arrays = (getattr(record, item.name) for item in fields(record))  # type: ignore[arg-type]
+    return type(record)(*(None if array is None else array[rows] for array in arrays))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,6 +44,10 @@ class Rays:
 
     def __len__(self) -> int:
         return len(self.origins)
+
+    def select(self, rows: Any) -> Rays:
+        """Return some of the rays: index or boolean array."""
+        return _select_rows(self, rows)
 
     def valid(self) -> Booleans:
         """(n,) True where the ray is finite, its direction not zero and its range not NaN."""
@@ -97,6 +111,10 @@ class Hits:
     def __len__(self) -> int:
         return len(self.distance)
 
+    def select(self, rows: Any) -> Hits:
+        """Return some of the hits: index or boolean array."""
+        return _select_rows(self, rows)
+
     @property
     def hit(self) -> Booleans:
         """(n,) bool, True where the ray hit something."""
@@ -131,3 +149,7 @@ class Surface:
 
     def __len__(self) -> int:
         return len(self.position)
+
+    def select(self, rows: Any) -> Surface:
+        """Return some of the points: index or boolean array."""
+        return _select_rows(self, rows)

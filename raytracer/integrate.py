@@ -1,0 +1,417 @@
+"""What rays see: the lecture's "Ray Tracing Fundamentals", recursive ray tracing written as a loop.
+
+Find the closest hit, add what shines there, add the direct light of every source, go on through mirrors and glass. No
+diffuse reflection is followed. `prepare` composes once, from the scene's content, which stages run; `trace` runs
+them on a batch of rays, wave by wave. Passes mean what they mean in Cycles (intern/cycles/kernel/film/data_passes.h).
+Imports everything below it but the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.accelerate import Caster
+from raytracer.direct_light import (
+    MAX_PASSAGES,
+    LightSource,
+    Visibility,
+    add_direct_light,
+    emitter_source,
+    lamp_source,
+    opaque_visibility,
+    transparent_visibility,
+    world_density,
+    world_source,
+)
+from raytracer.emitters import Emitters, emitter_density, make_emitters
+from raytracer.features import derive_features
+from raytracer.film import PASSES
+from raytracer.lecture import length
+from raytracer.lights import evaluate_light, has_extent
+from raytracer.materials import MaterialTable, Shading, make_material_table, make_shading
+from raytracer.rays import Booleans, Floats, Hits, Rays, Surface
+from raytracer.sampling import PixelSamples
+from raytracer.scatter import Continuation, option_probabilities, power_heuristic, sample_continuation
+from raytracer.scene import Light, Scene
+from raytracer.settings import Settings
+from raytracer.surface import SurfaceTables, make_surface, make_surface_tables, spawn_origin
+
+# Passes that need light; the others are known at the first surface.
+LIGHT_PASSES = frozenset(("Combined", "Diffuse Color", "Emission", "Shadow"))
+# Cycles' default: Normal, UV, Depth and so on belong to the first surface at least this opaque.
+OPAQUE_ENOUGH = 0.5
+# Numbered dimensions of a wave: which way to go on, and where within it; the sources of light follow.
+CHOICE, WAY, FIRST_SOURCE = range(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Integrator:
+    """The stages that a scene and its settings need.
+
+    sources : one for each source of light that surfaces are lit by
+    visible_lamps : lamps that a reflected ray can meet
+    emitters : None where nothing shines
+    background : (3,) float64, radiance of the world, or None where it is black
+    visibility : how shadow rays fare
+    holdout : (instances + groups,) bool, or None where nothing punches holes
+    pass_index : (instances + groups,) int32
+    needs_light : False where all passes are known at the first surface
+    goes_on : True where rays can go on from a surface
+    dimensions : numbered dimensions of a wave
+    """
+
+    caster: Caster
+    settings: Settings
+    tables: SurfaceTables
+    materials: MaterialTable
+    sources: tuple[LightSource, ...]
+    visible_lamps: tuple[Light, ...]
+    emitters: Emitters | None
+    background: Floats | None
+    visibility: Visibility
+    holdout: Booleans | None
+    pass_index: NDArray[np.int32]
+    needs_light: bool
+    goes_on: bool
+    dimensions: int
+
+
+def prepare(scene: Scene, caster: Caster, settings: Settings) -> Integrator:
+    """Compose the stages that `scene` needs for the passes in `settings`."""
+    features = derive_features(scene)
+    needs_light = not LIGHT_PASSES.isdisjoint(settings.passes)
+    tables = make_surface_tables(
+        scene, caster.geometry, features.smooth_normals, features.uvs and "UV" in settings.passes
+    )
+    materials = make_material_table(scene)
+    emitters = make_emitters(tables, materials.radiance) if features.emission and needs_light else None
+    background = scene.world.color if features.world and needs_light and scene.world is not None else None
+    sources = [lamp_source(light) for light in scene.lights if light_is_on(light)] if needs_light else []
+    if emitters is not None and not emitters.is_empty:
+        sources.append(emitter_source(emitters))
+    if background is not None:
+        sources.append(world_source(background))
+    see_through = features.transparency
+    return Integrator(
+        caster=caster,
+        settings=settings,
+        tables=tables,
+        materials=materials,
+        sources=tuple(sources),
+        visible_lamps=tuple(light for light in scene.lights if features.mirrors and needs_light and has_extent(light)),
+        emitters=emitters,
+        background=background,
+        visibility=transparent_visibility(caster, tables, materials) if see_through else opaque_visibility(caster),
+        holdout=_gather_records(scene, "holdout", np.bool_) if features.holdout else None,
+        pass_index=_gather_records(scene, "pass_index", np.int32),
+        needs_light=needs_light,
+        goes_on=features.mirrors or features.transparency,
+        dimensions=FIRST_SOURCE + sum(source.dimensions for source in sources),
+    )
+
+
+def light_is_on(light: Light) -> bool:
+    """True where a lamp sends any light."""
+    power = light.strength if hasattr(light, "strength") else light.power
+    return bool(power.max() > 0)
+
+
+def _gather_records(scene: Scene, name: str, dtype: type) -> NDArray[Any]:
+    """Return a property of all instances, then of all groups of spheres."""
+    instances = np.zeros(len(scene.meshes), dtype) if scene.instances is None else getattr(scene.instances, name)
+    return np.concatenate([instances, np.array([getattr(group, name) for group in scene.spheres], dtype=dtype)])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Paths:
+    """k rays on their way, each the last stretch of a path.
+
+    row : (k,) int64, the ray of the batch that the path began with
+    rays : their directions are unit vectors from the second stretch on
+    throughput : (k, 3) float64, what the light from here counts
+    direct : (k,) bool, True where the path has gone straight so far, as the camera sees
+    scatterings, passages : (k,) int64, how often it was reflected or refracted, or went straight through
+    scatter_origin, scatter_normal : (k, 3) float64, where it was scattered last, which light sampling was done from
+    density : (k,) float64, with which it was scattered into this direction; inf where light sampling could not
+    travelled : (k,) float64, metres from scatter_origin to the origin of this stretch
+    """
+
+    row: NDArray[np.int64]
+    rays: Rays
+    throughput: Floats
+    direct: Booleans
+    scatterings: NDArray[np.int64]
+    passages: NDArray[np.int64]
+    scatter_origin: Floats
+    scatter_normal: Floats
+    density: Floats
+    travelled: Floats
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def select(self, rows: Any) -> Paths:
+        """Return some of the paths: index or boolean array."""
+        return Paths(
+            self.row[rows],
+            self.rays.select(rows),
+            self.throughput[rows],
+            self.direct[rows],
+            self.scatterings[rows],
+            self.passages[rows],
+            self.scatter_origin[rows],
+            self.scatter_normal[rows],
+            self.density[rows],
+            self.travelled[rows],
+        )
+
+
+def start_paths(rays: Rays) -> Paths:
+    """Return the paths that begin with camera rays."""
+    count = len(rays)
+    return Paths(
+        row=np.arange(count),
+        rays=rays,
+        throughput=np.ones((count, 3)),
+        direct=np.ones(count, dtype=np.bool_),
+        scatterings=np.zeros(count, dtype=np.int64),
+        passages=np.zeros(count, dtype=np.int64),
+        scatter_origin=rays.origins,
+        scatter_normal=np.zeros((count, 3)),
+        density=np.full(count, np.inf),
+        travelled=np.zeros(count),
+    )
+
+
+@dataclass(eq=False)
+class Record:
+    """What n rays have seen so far, pass by pass.
+
+    depth_unit : (n,) float64, metres along the ray for a metre of depth
+    settled : (n,) bool, True where the surface that Depth, Normal and so on describe is found
+    background : (n,) float64, share of the ray that reached a background which is not part of the picture
+    """
+
+    passes: dict[str, Floats]
+    depth_unit: Floats
+    settled: Booleans
+    background: Floats
+
+    def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
+        """Add to a pass, if it is asked for; each ray at most once a call."""
+        if name in self.passes:
+            self.passes[name][row] += values
+
+    def set(self, name: str, row: NDArray[np.int64], values: Any) -> None:
+        """Overwrite a pass, if it is asked for."""
+        if name in self.passes:
+            self.passes[name][row] = np.reshape(values, (len(row), PASSES[name].channels))
+
+
+def start_record(settings: Settings, rays: Rays) -> Record:
+    """Return the record of camera rays that have seen nothing."""
+    count = len(rays)
+    passes = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in settings.passes}
+    return Record(passes, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count))
+
+
+def trace(integrator: Integrator, rays: Rays, samples: PixelSamples) -> dict[str, Floats]:
+    """Return what n rays see: (n, channels) float64 for each of the settings' passes.
+
+    Parameters
+    ----------
+    integrator : of `prepare`
+    rays : n camera rays, of any length of direction; t is the depth
+    samples : n PixelSamples
+    """
+    record = start_record(integrator.settings, rays)
+    paths = start_paths(rays)
+    dimension = 0
+    while len(paths):
+        hits = integrator.caster.closest_hit(
+            paths.rays.origins, paths.rays.directions, paths.rays.t_min, paths.rays.t_max
+        )
+        add_background(integrator, record, paths, hits)
+        add_lamps(integrator, record, paths, hits)
+        met = np.flatnonzero(hits.hit)
+        paths, hits = cut_holes(integrator, record, paths.select(met), hits.select(met))
+        surface = make_surface(integrator.tables, paths.rays, hits)
+        shading = make_shading(integrator.materials, surface)
+        describe_surface(integrator, record, paths, hits, surface, shading)
+        add_emission(integrator, record, paths, surface, shading)
+        paths = continue_paths(integrator, record, paths, hits, surface, shading, samples, dimension)
+        dimension += integrator.dimensions
+    finish_alpha(integrator, record)
+    return record.passes
+
+
+def add_background(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
+    """Rays that hit nothing see the world; where it is left out of the picture, what is seen straight is alpha."""
+    missed = paths.select(np.flatnonzero(~hits.hit))
+    if integrator.settings.transparent:
+        record.background[missed.row[missed.direct]] += missed.throughput[missed.direct].mean(axis=1)
+        missed = missed.select(~missed.direct)
+    if integrator.background is not None and len(missed):
+        sampled = world_density(missed.scatter_normal, missed.rays.directions)
+        share = power_heuristic(missed.density, sampled)[:, np.newaxis]
+        add_radiance(record, missed, missed.throughput * share * integrator.background)
+
+
+def add_radiance(record: Record, paths: Paths, radiance: Floats) -> None:
+    """Add light (k, 3), throughput included, to the picture."""
+    record.add("Combined", paths.row, np.pad(radiance, ((0, 0), (0, 1))))
+
+
+def add_lamps(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
+    """Reflected rays see the lamps that they pass before they hit; what the camera sees straight shows none."""
+    if not integrator.visible_lamps:
+        return
+    away = np.flatnonzero(~paths.direct)
+    paths, reach = paths.select(away), paths.travelled[away] + hits.distance[away]
+    for lamp in integrator.visible_lamps:
+        seen = evaluate_light(lamp, paths.scatter_origin, paths.rays.directions)
+        passed = (seen.density > 0) & (paths.travelled <= seen.distance) & (seen.distance <= reach)
+        share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
+        add_radiance(record, paths, paths.throughput * share * seen.radiance)
+
+
+def cut_holes(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> tuple[Paths, Hits]:
+    """End paths that go straight into a holdout object: black, and no part of the picture."""
+    if integrator.holdout is None:
+        return paths, hits
+    cut = paths.direct & integrator.holdout[hits.instance]
+    if integrator.settings.transparent:
+        record.background[paths.row[cut]] += paths.throughput[cut].mean(axis=1)
+    return paths.select(~cut), hits.select(~cut)
+
+
+def describe_surface(
+    integrator: Integrator, record: Record, paths: Paths, hits: Hits, surface: Surface, shading: Shading
+) -> None:
+    """Fill the passes that describe the first opaque surface straight ahead of the camera."""
+    direct = np.flatnonzero(paths.direct)
+    record.add("Diffuse Color", paths.row[direct], (paths.throughput * shading.diffuse)[direct])
+    rows = direct[~record.settled[paths.row[direct]]]
+    row = paths.row[rows]
+    stretch = hits.distance[rows] * length(paths.rays.directions[rows])
+    record.set("Depth", row, (paths.travelled[rows] + stretch) / record.depth_unit[row])
+    record.set("Position", row, surface.position[rows])
+    record.set("Object Index", row, integrator.pass_index[surface.instance[rows]])
+    record.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
+    opaque = shading.transparency[rows].mean(axis=1) <= 1.0 - OPAQUE_ENOUGH
+    rows, row = rows[opaque], row[opaque]
+    record.set("Normal", row, shading.normal[rows])
+    uv = np.zeros((len(surface), 2)) if surface.uv is None else surface.uv
+    record.set("UV", row, np.pad(uv[rows], ((0, 0), (0, 1)), constant_values=1.0))
+    record.settled[row] = True
+
+
+def add_emission(integrator: Integrator, record: Record, paths: Paths, surface: Surface, shading: Shading) -> None:
+    """Add what shines at the hit, in the share that light sampling leaves to reflected rays."""
+    if integrator.emitters is None:
+        return
+    share = np.ones(len(paths))
+    sampled = np.flatnonzero(np.isfinite(paths.density))
+    other = emitter_density(
+        integrator.emitters,
+        paths.scatter_origin[sampled],
+        paths.rays.directions[sampled],
+        surface.instance[sampled],
+        surface.primitive[sampled],
+    )
+    share[sampled] = power_heuristic(paths.density[sampled], other)
+    radiance = paths.throughput * shading.radiance * share[:, np.newaxis]
+    add_radiance(record, paths, radiance)
+    record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
+
+
+def continue_paths(
+    integrator: Integrator,
+    record: Record,
+    paths: Paths,
+    hits: Hits,
+    surface: Surface,
+    shading: Shading,
+    samples: PixelSamples,
+    dimension: int,
+) -> Paths:
+    """Add the direct light at the hits and return the paths that go on from them.
+
+    A path that has used up its bounces still sees what shines where it ends: light sampling has counted on that.
+    """
+    if not integrator.needs_light:
+        return pass_straight(integrator, record, paths, hits, surface, shading)
+    ended = paths.scatterings > integrator.settings.max_bounces
+    probabilities = option_probabilities(shading)
+    probabilities[ended, 0] = (shading.transparency[ended] > 0).any(axis=1)
+    probabilities[ended, 1:] = 0.0
+    chosen = samples.select(paths.row)
+    light = add_direct_light(
+        integrator.sources,
+        integrator.visibility,
+        surface,
+        shading,
+        probabilities,
+        ~ended,
+        chosen,
+        dimension + FIRST_SOURCE,
+    )
+    add_radiance(record, paths, paths.throughput * light.arriving)
+    add_shadow(record, paths, light.arriving, light.unshadowed)
+    if not integrator.goes_on:
+        return paths.select(slice(0, 0))
+    way = sample_continuation(
+        shading, probabilities, chosen.uniform(dimension + CHOICE), chosen.uniform_pair(dimension + WAY)
+    )
+    return advance(paths, hits, surface, shading, way)
+
+
+def add_shadow(record: Record, paths: Paths, arriving: Floats, unshadowed: Floats) -> None:
+    """The Shadow pass: the share of the direct light that reaches the first surface; where none could, nothing does."""
+    first = np.flatnonzero(paths.direct & (paths.passages == 0))
+    share = np.divide(arriving, unshadowed, out=np.zeros_like(arriving), where=unshadowed > 0)
+    record.add("Shadow", paths.row[first], share[first])
+
+
+def pass_straight(
+    integrator: Integrator, record: Record, paths: Paths, hits: Hits, surface: Surface, shading: Shading
+) -> Paths:
+    """Without light, only rays that have not found their opaque surface go on, and straight."""
+    way = Continuation(
+        direction=-shading.outgoing,
+        weight=shading.transparency * ~record.settled[paths.row, np.newaxis],
+        density=np.full(len(paths), np.inf),
+        passes=np.ones(len(paths), dtype=np.bool_),
+    )
+    return advance(paths, hits, surface, shading, way)
+
+
+def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: Continuation) -> Paths:
+    """Return the paths that go on, at the start of their next stretch."""
+    alive = np.flatnonzero(way.alive & (paths.passages + way.passes <= MAX_PASSAGES))
+    old, direction, passes = paths.select(alive), way.direction[alive], way.passes[alive]
+    surface, count = surface.select(alive), len(alive)
+    stretch = hits.distance[alive] * length(old.rays.directions)
+    scattered = ~passes[:, np.newaxis]
+    return replace(
+        old,
+        rays=Rays(spawn_origin(surface, direction), direction, np.zeros(count), np.full(count, np.inf)),
+        throughput=old.throughput * way.weight[alive],
+        direct=old.direct & passes,
+        scatterings=old.scatterings + ~passes,
+        passages=old.passages + passes,
+        scatter_origin=np.where(scattered, surface.position, old.scatter_origin),
+        scatter_normal=np.where(scattered, shading.normal[alive], old.scatter_normal),
+        density=np.where(passes, old.density, way.density[alive]),
+        travelled=np.where(passes, old.travelled + stretch, 0.0),
+    )
+
+
+def finish_alpha(integrator: Integrator, record: Record) -> None:
+    """Alpha is what did not reach a background left out of the picture."""
+    if "Combined" in record.passes:
+        record.passes["Combined"][:, 3] = 1.0 - record.background

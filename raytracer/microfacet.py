@@ -1,0 +1,306 @@
+"""Microfacet lobes: GGX reflection and refraction, mirror and clear glass at roughness 0.
+
+A lobe is a row of `Microfacets`; all formulas work on m rows at once. `outgoing` points towards where the ray came
+from, `incoming` towards the light; both are unit vectors that leave the surface. Everything is in the units of
+value = f(outgoing, incoming) |cos|, so that the light reflected is the integral of value times radiance.
+Imports `lecture`, `frames`, `rays`.
+
+References
+----------
+B. Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007.
+E. Heitz, "Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs", JCGT 3(2), 2014.
+J. Dupuy, A. Benyoub, "Sampling Visible GGX Normals with Spherical Caps", High Performance Graphics 2023.
+P. Kutz, M. Hasan, E. Edmondson, "Novel Aspects of the Adobe Standard Material", 2023: the F82 tint.
+Blender, intern/cycles/kernel/closure/bsdf_microfacet.h: which Fresnel curve belongs to which node.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.frames import make_frame, normalize, reflect
+from raytracer.lecture import dot
+from raytracer.rays import Booleans, Floats
+
+# Cycles' limit: below it (squared alpha 2e-10) a lobe is a perfect mirror or clear glass.
+SMALLEST_ALPHA = 2e-10**0.5
+# Cycles' limit: with a relative index of refraction this close to 1 light passes straight on, and the half vector of
+# refraction, eta i + o, is not defined.
+SMALLEST_ETA_STEP = 1e-4
+
+CONSTANT, METAL, DIELECTRIC = range(3)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Microfacets:
+    """m lobes, at most one for each point of a batch.
+
+    hit : (m,) int64, ascending, the point in its batch
+    weight : (m, 3) float64, the lobe's factor
+    normal : (m, 3) float64, unit, on the side of `outgoing`
+    alpha : (m,) float64, GGX roughness
+    eta : (m,) float64, index of refraction behind the surface over that in front of it
+    fresnel : (m,) int8, CONSTANT, METAL or DIELECTRIC
+    f0, f82 : (m, 3) float64, reflectance at normal incidence; the METAL curve's second coefficient
+    reflection, transmission : (m, 3) float64, tints; 0 switches that side off
+    albedo : (m,) float64, estimate of the share of light that the lobe sends on, without `weight`
+    """
+
+    hit: NDArray[np.int64]
+    weight: Floats
+    normal: Floats
+    alpha: Floats
+    eta: Floats
+    fresnel: NDArray[np.int8]
+    f0: Floats
+    f82: Floats
+    reflection: Floats
+    transmission: Floats
+    albedo: Floats
+
+    def __len__(self) -> int:
+        return len(self.hit)
+
+    def select(self, rows: Any) -> Microfacets:
+        """Return some of the lobes: index or boolean array."""
+        return Microfacets(*(getattr(self, field.name)[rows] for field in dataclasses.fields(self)))
+
+    @property
+    def is_perfect(self) -> Booleans:
+        """(m,) True where the lobe has a single direction per side, which only sampling can find."""
+        return self.alpha <= SMALLEST_ALPHA
+
+
+# Fresnel -------------------------------------------------------------------------------------------------------------
+
+
+def normal_reflectance(eta: Floats) -> Floats:
+    """F0 = ((eta - 1) / (eta + 1))^2."""
+    root: Floats = (eta - 1.0) / (eta + 1.0)
+    return root * root
+
+
+def transmitted_cosine(cosine: Floats, eta: Floats) -> Floats:
+    """Return the cosine behind the surface by Snell's law, sqrt(1 - (1 - cos^2) / eta^2); 0 in total reflection."""
+    return np.sqrt(np.maximum(1.0 - (1.0 - cosine * cosine) / (eta * eta), 0.0))
+
+
+def dielectric_reflectance(cosine: Floats, eta: Floats) -> Floats:
+    """Return Fresnel's reflectance of unpolarized light, the mean of its two polarizations; 1 in total reflection.
+
+    r_s = (c - eta c') / (c + eta c'), r_p = (eta c - c') / (eta c + c') for cosines c before and c' behind.
+
+    cosine, eta : arrays that broadcast; 0 <= cosine <= 1
+    """
+    behind = transmitted_cosine(cosine, eta)
+    total = (cosine <= 0) | (behind == 0)
+    front, behind = np.where(total, 1.0, cosine), np.where(total, 1.0, behind)
+    across = (front - eta * behind) / (front + eta * behind)
+    along = (eta * front - behind) / (eta * front + behind)
+    return np.where(total, 1.0, (across * across + along * along) / 2.0)
+
+
+def metal_coefficient(f0: Floats, tint: Floats) -> Floats:
+    """Return the factor of c (1 - c)^6 that brings Schlick's curve to `tint` times itself at c = 1/7 (82 degrees)."""
+    step = 6.0 / 7.0
+    return (f0 + (1.0 - f0) * step**5) * (1.0 - tint) * 7.0 / step**6
+
+
+def metal_reflectance(cosine: Floats, f0: Floats, f82: Floats) -> Floats:
+    """F0 + (1 - F0) (1 - c)^5 - B c (1 - c)^6, limited to [0, 1]; cosine (m, 1), f0 and f82 (m, 3)."""
+    fifth = (1.0 - cosine) ** 5
+    return np.clip(f0 + (1.0 - f0) * fifth - f82 * cosine * fifth * (1.0 - cosine), 0.0, 1.0)
+
+
+def schlick_share(cosine: Floats, eta: Floats) -> Floats:
+    """Return how far the real Fresnel curve has come from F0 (0) to grazing incidence (1), (m,)."""
+    f0 = normal_reflectance(eta)
+    return np.clip((dielectric_reflectance(cosine, eta) - f0) / (1.0 - f0), 0.0, 1.0)
+
+
+def evaluate_fresnel(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats]:
+    """Return reflectance and transmittance, each (m, 3), of facets met at `cosine` (m,) >= 0.
+
+    A DIELECTRIC lobe runs from its f0 to 1 as the real curve does, so that a tint of f0 keeps the angle dependence.
+    """
+    reflectance = np.ones((len(lobes), 3))
+    metal = np.flatnonzero(lobes.fresnel == METAL)
+    reflectance[metal] = metal_reflectance(cosine[metal, np.newaxis], lobes.f0[metal], lobes.f82[metal])
+    glassy = np.flatnonzero(lobes.fresnel == DIELECTRIC)
+    share = schlick_share(cosine[glassy], lobes.eta[glassy])[:, np.newaxis]
+    reflectance[glassy] = lobes.f0[glassy] + (1.0 - lobes.f0[glassy]) * share
+    passing = np.where(lobes.fresnel[:, np.newaxis] == CONSTANT, 1.0, 1.0 - reflectance)
+    total = (transmitted_cosine(cosine, lobes.eta) == 0)[:, np.newaxis]
+    return reflectance * lobes.reflection, np.where(total, 0.0, passing * lobes.transmission)
+
+
+# Distribution --------------------------------------------------------------------------------------------------------
+
+
+def facet_density(alpha: Floats, cosine: Floats) -> Floats:
+    """D = alpha^2 / (pi (sin^2 + alpha^2 cos^2)^2), per facet normal at `cosine` to the surface normal."""
+    square = np.minimum(cosine * cosine, 1.0)
+    return alpha**2 / (np.pi * ((1.0 - square) + alpha**2 * square) ** 2)
+
+
+def shadowing(alpha: Floats, cosine: Floats) -> Floats:
+    """Smith's Lambda of GGX, (sqrt(1 + alpha^2 tan^2) - 1) / 2; G1 is 1 / (1 + Lambda)."""
+    square = np.maximum(cosine * cosine, np.finfo(np.float64).tiny)
+    return (np.sqrt(1.0 + alpha**2 * np.maximum(1.0 / square - 1.0, 0.0)) - 1.0) / 2.0
+
+
+def sample_visible_normals(local_outgoing: Floats, alpha: Floats, pair: Floats) -> Floats:
+    """Return facet normals (m, 3) with the density D G1 max(o . h, 0) / o_z seen from `local_outgoing` (z = normal).
+
+    Stretched by alpha the facets are a hemisphere; the normals halfway between the view and points even on a spherical
+    cap are those of the parts that are seen.
+    """
+    stretch = np.stack([alpha, alpha, np.ones_like(alpha)], axis=-1)
+    view = normalize(local_outgoing * stretch)
+    angle = 2.0 * np.pi * pair[:, 0]
+    height = (1.0 - pair[:, 1]) * (1.0 + view[:, 2]) - view[:, 2]
+    sine = np.sqrt(np.maximum(1.0 - height * height, 0.0))
+    cap = np.stack([sine * np.cos(angle), sine * np.sin(angle), height], axis=1)
+    return normalize((cap + view) * stretch)
+
+
+# The lobes -----------------------------------------------------------------------------------------------------------
+
+
+def _half_vectors(lobes: Microfacets, outgoing: Floats, incoming: Floats, passes: Booleans) -> Floats:
+    """Return the facet normals, on the side of the surface normal, that take `outgoing` to `incoming`: (m, 3)."""
+    bent = -(lobes.eta[:, np.newaxis] * incoming + outgoing)
+    halfway: Floats = np.where(passes[:, np.newaxis], bent, incoming + outgoing)
+    return normalize(halfway)
+
+
+def evaluate_microfacets(
+    lobes: Microfacets, outgoing: Floats, incoming: Floats, geometric_normal: Floats
+) -> tuple[Floats, Floats]:
+    """Return the value f |cos| (m, 3) and the density (m,) with which `sample_microfacets` takes `incoming`.
+
+    Reflection: F D G2 / (4 cos_o). Refraction: (1 - F) D G2 eta^2 |h.o h.i| / (cos_o |eta i + o|^2), as radiance is
+    transported in Cycles, without the factor 1 / eta^2.
+
+    Notes
+    -----
+    The value is 0 for perfect lobes and for the wrong side of the shading normal. The density is also 0 where the two
+    normals disagree on the side: sampling refuses such directions, so that all weight goes to light sampling.
+    """
+    cos_out, cos_in = dot(lobes.normal, outgoing), dot(lobes.normal, incoming)
+    passes = cos_in < 0
+    half = _half_vectors(lobes, outgoing, incoming, passes)
+    cos_half_out, cos_half_in = dot(half, outgoing), dot(half, incoming)
+    possible = (cos_out > 0) & (cos_in != 0) & (cos_half_out > 0) & ((cos_half_in < 0) == passes) & ~lobes.is_perfect
+    possible &= ~passes | (np.abs(lobes.eta - 1.0) >= SMALLEST_ETA_STEP)
+    reflectance, transmittance = evaluate_fresnel(lobes, np.clip(cos_half_out, 0.0, 1.0))
+    span = lobes.eta[:, np.newaxis] * incoming + outgoing
+    bend = lobes.eta**2 * np.abs(cos_half_out * cos_half_in) / np.where(passes & possible, dot(span, span), 1.0)
+    alpha = np.maximum(lobes.alpha, SMALLEST_ALPHA)
+    common = np.where(passes, bend, 0.25) * facet_density(alpha, dot(lobes.normal, half))
+    common = np.where(possible, common / np.where(possible, cos_out, 1.0), 0.0)
+    shadow_out, shadow_in = shadowing(alpha, cos_out), shadowing(alpha, cos_in)
+    choice = _reflection_probability(reflectance, transmittance)
+    agree = (dot(geometric_normal, incoming) < 0) == passes
+    density = np.where(agree, common * np.where(passes, 1.0 - choice, choice) / (1.0 + shadow_out), 0.0)
+    value = np.where(passes[:, np.newaxis], transmittance, reflectance)
+    return lobes.weight * value * (common / (1.0 + shadow_out + shadow_in))[:, np.newaxis], density
+
+
+def _reflection_probability(reflectance: Floats, transmittance: Floats) -> Floats:
+    """Return the probability (m,) with which sampling reflects: its share of the light; 1 where all is black."""
+    reflected, passed = reflectance.mean(axis=1), transmittance.mean(axis=1)
+    both = reflected + passed
+    return np.divide(reflected, both, out=np.ones_like(both), where=both > 0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LobeSamples:
+    """One incoming direction for each of m lobes.
+
+    direction : (m, 3) float64, unit
+    valid : (m,) bool, False where the lobe sends nothing on, or the direction falls on the wrong side
+    perfect : (m,) bool, True where the direction was the only one; then `weight` (m, 3) is value / probability, and
+        `evaluate_microfacets` has nothing to say about it
+    """
+
+    direction: Floats
+    valid: Booleans
+    perfect: Booleans
+    weight: Floats
+
+
+def sample_microfacets(
+    lobes: Microfacets, outgoing: Floats, geometric_normal: Floats, choice: Floats, pair: Floats
+) -> LobeSamples:
+    """Sample a facet normal, reflect or refract about it.
+
+    choice, pair : (m,), (m, 2) uniform numbers, for the side and for the facet
+    """
+    half = _sample_half_vectors(lobes, outgoing, pair)
+    cos_half = np.clip(dot(half, outgoing), 0.0, 1.0)
+    reflectance, transmittance = evaluate_fresnel(lobes, cos_half)
+    probability = _reflection_probability(reflectance, transmittance)
+    passes = choice >= probability
+    through = refract(outgoing, half, lobes.eta)
+    direction = np.where(passes[:, np.newaxis], through, reflect(outgoing, half))
+    light = np.where(passes[:, np.newaxis], transmittance, reflectance)
+    valid = (dot(lobes.normal, outgoing) > 0) & (light > 0).any(axis=1)
+    for normal in (lobes.normal, geometric_normal):
+        valid &= (dot(normal, direction) < 0) == passes
+    perfect = lobes.is_perfect | (passes & (np.abs(lobes.eta - 1.0) < SMALLEST_ETA_STEP))
+    taken = np.where(passes, 1.0 - probability, probability)[:, np.newaxis]
+    weight = lobes.weight * np.divide(light, taken, out=np.zeros_like(light), where=taken > 0)
+    return LobeSamples(direction, valid, perfect, weight)
+
+
+def _sample_half_vectors(lobes: Microfacets, outgoing: Floats, pair: Floats) -> Floats:
+    """Return facet normals (m, 3): the surface normal itself for perfect lobes."""
+    half = lobes.normal.copy()
+    rough = np.flatnonzero(~lobes.is_perfect & (dot(lobes.normal, outgoing) > 0))
+    if len(rough):
+        normal, view = lobes.normal[rough], outgoing[rough]
+        u, v = make_frame(normal)
+        local_view = np.stack([dot(u, view), dot(v, view), dot(normal, view)], axis=1)
+        facet = sample_visible_normals(local_view, lobes.alpha[rough], pair[rough])
+        world: Floats = facet[:, 0:1] * u + facet[:, 1:2] * v + facet[:, 2:3] * normal
+        half[rough] = normalize(world)
+    return half
+
+
+def refract(outgoing: Floats, normals: Floats, eta: Floats) -> Floats:
+    """Return the direction behind the surface, -o / eta + (c / eta - c') n, by Snell's law: (m, 3).
+
+    In total reflection, where there is none, c' is 0 and the result lies in the surface.
+    """
+    cosine = dot(outgoing, normals)
+    factor = cosine / eta - transmitted_cosine(cosine, eta)
+    bent: Floats = factor[:, np.newaxis] * normals - outgoing / eta[:, np.newaxis]
+    return normalize(bent)
+
+
+def tilt_to_reflect(normal: Floats, geometric_normal: Floats, outgoing: Floats) -> Floats:
+    """Return shading normals (n, 3), turned towards the geometric ones until mirror reflection stays above the surface.
+
+    In the plane of the two normals, with the view at (a, b) across and along the geometric normal, a normal turned by p
+    reflects to the height a sin 2p + b cos 2p = |(a, b)| cos(2p - q), q = atan2(a, b). Where that falls below
+    t = min(0.9 b, 0.01), Cycles' limit, the p is taken that gives t.
+    """
+    height = dot(geometric_normal, outgoing)
+    limit = np.minimum(0.9 * height, 0.01)
+    low = (dot(geometric_normal, reflect(outgoing, normal)) < limit) & (height > 0)
+    rows = np.flatnonzero(low)
+    if not len(rows):
+        return normal
+    axis = geometric_normal[rows]
+    aside = normalize(normal[rows] - dot(normal[rows], axis)[:, np.newaxis] * axis)
+    a, b = dot(outgoing[rows], aside), height[rows]
+    turn = (np.arctan2(a, b) + np.arccos(np.clip(limit[rows] / np.hypot(a, b), -1.0, 1.0))) / 2.0
+    tilted = normal.copy()
+    tilted[rows] = np.sin(turn)[:, np.newaxis] * aside + np.cos(turn)[:, np.newaxis] * axis
+    return tilted

@@ -1,0 +1,142 @@
+"""Where light goes on from a surface: the mixture of all ways to continue, sampled and weighed.
+
+The direct-light integrator follows mirrors, glass and straight passages, but no diffuse reflection. So a point's
+options are its passage (transparency) and its microfacet lobes; one is taken at random, in proportion to the light it
+sends on.
+Imports `lecture`, `materials`, `microfacet`, `rays`.
+
+References
+----------
+E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, chapter 9: multiple importance sampling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.lecture import dot
+from raytracer.materials import Shading
+from raytracer.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
+from raytracer.rays import Booleans, Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scattering:
+    """What n points send back of light from one direction each.
+
+    diffuse, specular : (n, 3) float64, f |cos| of the Lambertian part and of all lobes
+    density : (n,) float64, per solid angle, with which `sample_continuation` takes the direction
+    """
+
+    diffuse: Floats
+    specular: Floats
+    density: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Continuation:
+    """The way on from n points.
+
+    direction : (n, 3) float64, unit
+    weight : (n, 3) float64, f |cos| / density: what the light from there counts; 0 where the path ends
+    density : (n,) float64, per solid angle; inf where no other way leads to this direction
+    passes : (n,) bool, True where the ray goes straight through the surface
+    """
+
+    direction: Floats
+    weight: Floats
+    density: Floats
+    passes: Booleans
+
+    @property
+    def alive(self) -> Booleans:
+        """(n,) True where the path goes on."""
+        return (self.weight > 0).any(axis=1)
+
+
+def option_probabilities(shading: Shading) -> Floats:
+    """Return (n, 1 + lobes) the probability of each option: the passage first, then the lobes; rows of 0 have none."""
+    shares = np.zeros((len(shading), 1 + len(shading.lobes)))
+    shares[:, 0] = shading.transparency.mean(axis=1)
+    for column, lobes in enumerate(shading.lobes, start=1):
+        shares[lobes.hit, column] = lobes.weight.mean(axis=1) * lobes.albedo
+    total = shares.sum(axis=1, keepdims=True)
+    return np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
+
+
+def evaluate_scattering(shading: Shading, probabilities: Floats, incoming: Floats) -> Scattering:
+    """Return what each point of `shading` sends back of light from `incoming` (n, 3), unit."""
+    cosine = np.maximum(dot(shading.normal, incoming), 0.0)
+    specular, density = np.zeros((len(shading), 3)), np.zeros(len(shading))
+    for column, lobes in enumerate(shading.lobes, start=1):
+        rows = lobes.hit
+        value, lobe_density = _evaluate(shading, lobes, incoming[rows])
+        specular[rows] += value
+        density[rows] += probabilities[rows, column] * lobe_density
+    return Scattering(shading.diffuse * cosine[:, np.newaxis] / np.pi, specular, density)
+
+
+def _evaluate(shading: Shading, lobes: Microfacets, incoming: Floats) -> tuple[Floats, Floats]:
+    rows = lobes.hit
+    return evaluate_microfacets(lobes, shading.outgoing[rows], incoming, shading.geometric_normal[rows])
+
+
+def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats, pair: Floats) -> Continuation:
+    """Take one of each point's options.
+
+    choice, pair : (n,), (n, 2) uniform numbers; what is left of `choice` within its option decides between reflection
+        and refraction
+    """
+    count = len(shading)
+    option, rest = _choose_option(probabilities, choice)
+    direction, weight = -shading.outgoing, np.zeros((count, 3))
+    density, passes = np.full(count, np.inf), option == 0
+    straight = np.flatnonzero(passes)
+    weight[straight] = shading.transparency[straight] / probabilities[straight, 0:1]
+    spread = np.zeros(count, dtype=np.bool_)
+    for column, lobes in enumerate(shading.lobes, start=1):
+        lobes = lobes.select(option[lobes.hit] == column)
+        if not len(lobes):
+            continue
+        rows = lobes.hit
+        sample = sample_microfacets(
+            lobes, shading.outgoing[rows], shading.geometric_normal[rows], rest[rows], pair[rows]
+        )
+        direction[rows] = sample.direction
+        perfect = (sample.valid & sample.perfect)[:, np.newaxis]
+        weight[rows] = np.where(perfect, sample.weight / probabilities[rows, column, np.newaxis], 0.0)
+        spread[rows] = sample.valid & ~sample.perfect
+    if spread.any():
+        scattering = evaluate_scattering(shading, probabilities, direction)
+        found = np.flatnonzero(spread & (scattering.density > 0))
+        density[found] = scattering.density[found]
+        weight[found] = scattering.specular[found] / scattering.density[found, np.newaxis]
+    return Continuation(direction, weight, density, passes)
+
+
+def _choose_option(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Return the option (n,) whose interval of the unit interval holds `choice`, and where in it, in [0, 1).
+
+    The option of a point that has none is -1.
+    """
+    upper = np.cumsum(probabilities, axis=1)
+    at = choice * upper[:, -1]
+    option = (at[:, np.newaxis] >= upper).sum(axis=1)
+    option[upper[:, -1] == 0] = -1
+    rows = np.arange(len(choice))
+    width = probabilities[rows, option]
+    lower = upper[rows, option] - width
+    rest = np.divide(at - lower, width, out=np.zeros_like(choice), where=width > 0)
+    return option, np.clip(rest, 0.0, np.nextafter(1.0, 0.0))
+
+
+def power_heuristic(density: Floats, other: Floats) -> Floats:
+    """Return p^2 / (p^2 + q^2) of two densities (n,): the weight of a sample that both could have taken.
+
+    1 where p is infinite (no other way leads there) or q is 0; 0 where p is 0.
+    """
+    ratio = np.divide(other, density, out=np.full(np.shape(density), np.inf), where=density > 0)
+    return np.where(np.isinf(density), 1.0, 1.0 / (1.0 + ratio * ratio))

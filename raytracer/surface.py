@@ -1,0 +1,268 @@
+"""From a hit to the surface there: position with an error bound, normals, side, material, uv.
+
+The position is taken on the primitive itself, from barycentric weights (lecture, "Barycentric Coordinates") or from the
+sphere's centre and radius, not as o + t d: its error then depends on the primitive and not on how far the ray came.
+Imports `lecture`, `frames`, `rays`, `scene`, `features`, `accelerate.geometry`.
+
+References
+----------
+M. Pharr, W. Jakob, G. Humphreys, "Physically Based Rendering", 4th edition, section 6.8, "Managing Rounding Error".
+N. J. Higham, "Accuracy and Stability of Numerical Algorithms", 2nd edition, 2002, section 3.1: gamma(n).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.accelerate.geometry import Geometry, world_corners
+from raytracer.frames import normalize
+from raytracer.lecture import cross, dot, length, point_on_line
+from raytracer.rays import Floats, Hits, Integers, Rays, Surface
+from raytracer.scene import Mesh, Scene
+
+UNIT_ROUNDOFF = 2.0**-53
+
+
+def gamma(operations: int) -> float:
+    """n u / (1 - n u), Higham's bound on the relative error of n rounded operations."""
+    return operations * UNIT_ROUNDOFF / (1.0 - operations * UNIT_ROUNDOFF)
+
+
+# alpha = 1 - beta - gamma, three products and two sums: 7 roundings at most, in each coordinate.
+INTERPOLATION_ERROR = gamma(7)
+# What a float64 caster rounds when it compares the spawned origin with the primitive it left: T = (a - o) . N over
+# |N|, at most 8 u times a permanent of 6 products, each below |edge| |N| (see `predicates`): in units of the size.
+CASTER_ERROR = gamma(48)
+
+
+@dataclass(frozen=True, eq=False)
+class CornerTable:
+    """Values at triangle corners of all meshes, packed; meshes without them have none.
+
+    values : (k, width) float64
+    rows : (t, 3) int32, rows of `values` of each packed triangle's corners
+    first : (meshes,) int64, first row of `rows` of each mesh, -1 = the mesh has none
+    """
+
+    values: Floats
+    rows: Integers
+    first: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceTables:
+    """What a scene's surfaces are made from, packed once.
+
+    material : (k,) int32, per-primitive material indices, packed; a record with one material has one entry
+    material_first : (instances + groups,) int64, first entry of each
+    material_step : (instances + groups,) int64, 1 for an entry per primitive, 0 for one for all
+    normal_from_object : (instances, 3, 3) float64, the inverse transpose of the instance's matrix, or a multiple of it
+    mirrored : (instances,) bool, True where the matrix turns the winding around
+    normals, uvs : CornerTable, or None where no mesh has any, or nothing reads them
+    """
+
+    geometry: Geometry
+    instance_count: int
+    material: Integers
+    material_first: NDArray[np.int64]
+    material_step: NDArray[np.int64]
+    normal_from_object: Floats
+    mirrored: NDArray[np.bool_]
+    normals: CornerTable | None
+    uvs: CornerTable | None
+
+
+def make_surface_tables(scene: Scene, geometry: Geometry, smooth_normals: bool, uvs: bool) -> SurfaceTables:
+    """Pack what `make_surface` gathers from; normals and uvs only where asked for."""
+    instance_meshes = [scene.meshes[mesh] for mesh in geometry.instance_mesh]
+    mesh_material = [np.atleast_1d(np.asarray(mesh.material, dtype=np.int32)) for mesh in scene.meshes]
+    group_material = [np.atleast_1d(np.asarray(group.material, dtype=np.int32)) for group in scene.spheres]
+    mesh_first = _first_entries([len(entries) for entries in mesh_material])
+    group_first = _first_entries([len(entries) for entries in group_material]) + sum(map(len, mesh_material))
+    records = [*instance_meshes, *scene.spheres]
+    normal_from_object = _cofactors(geometry.world_from_object[:, :3, :3])
+    return SurfaceTables(
+        geometry=geometry,
+        instance_count=scene.instance_count,
+        material=np.concatenate([*mesh_material, *group_material, np.zeros(0, dtype=np.int32)]),
+        material_first=np.concatenate([mesh_first[geometry.instance_mesh], group_first]).astype(np.int64),
+        material_step=np.array([np.ndim(record.material) for record in records], dtype=np.int64),
+        normal_from_object=normal_from_object,
+        mirrored=dot(geometry.world_from_object[:, 0, :3], normal_from_object[:, 0]) < 0,
+        normals=_pack_corners(scene, lambda mesh: mesh.normals, 3) if smooth_normals else None,
+        uvs=_pack_corners(scene, lambda mesh: mesh.uvs, 2) if uvs else None,
+    )
+
+
+def _first_entries(counts: list[int]) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(counts)])[: len(counts)].astype(np.int64)
+
+
+def _cofactors(matrices: Floats) -> Floats:
+    """Return det(M) M^-T of (i, 3, 3) matrices, which also exists where M flattens: rows b x c, c x a, a x b."""
+    a, b, c = matrices[:, 0], matrices[:, 1], matrices[:, 2]
+    return np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=1)
+
+
+def _pack_corners(scene: Scene, values_of: Callable[[Mesh], Floats | None], width: int) -> CornerTable:
+    """Pack one corner attribute: (v, width) per vertex or (t, 3, width) per corner, of the meshes that have it."""
+    values, rows, first = [np.zeros((0, width))], [np.zeros((0, 3), dtype=np.int32)], []
+    value_count = row_count = 0
+    for mesh in scene.meshes:
+        array = values_of(mesh)
+        first.append(-1 if array is None else row_count)
+        if array is None:
+            continue
+        per_corner = array.ndim == 3
+        index = np.arange(array.size // width, dtype=np.int32).reshape(-1, 3) if per_corner else mesh.triangles
+        rows.append(index + np.int32(value_count))
+        values.append(array.reshape(-1, width))
+        value_count += len(values[-1])
+        row_count += len(index)
+    return CornerTable(np.concatenate(values), np.concatenate(rows), np.array(first, dtype=np.int64))
+
+
+def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
+    """Return the surface where rays hit; every ray must have hit.
+
+    Parameters
+    ----------
+    tables : SurfaceTables of the scene that was hit
+    rays, hits : n rays and their hits, without misses
+
+    Returns
+    -------
+    Surface of n points. Its geometric normal is the object's normal, turned by the inverse transpose of the instance's
+    matrix as in Blender, so that mirroring an instance does not turn its front to its back.
+    """
+    count = len(hits)
+    is_triangle = hits.instance < tables.instance_count
+    position, normal, shading = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
+    error = np.empty(count)
+    flat, round_ = np.flatnonzero(is_triangle), np.flatnonzero(~is_triangle)
+    if len(flat):
+        instance, primitive, weights = hits.instance[flat], hits.primitive[flat], hits.barycentric[flat]
+        position[flat], error[flat], normal[flat] = _triangle_points(tables, instance, primitive, weights)
+        shading[flat] = _interpolate_normals(tables, instance, primitive, weights, normal[flat])
+    if len(round_):
+        at = point_on_line(rays.origins[round_], rays.directions[round_], hits.distance[round_])
+        position[round_], error[round_], normal[round_] = _sphere_points(tables, hits, round_, at)
+        shading[round_] = normal[round_]
+    outgoing = -normalize(rays.directions)
+    material = tables.material[
+        tables.material_first[hits.instance] + tables.material_step[hits.instance] * hits.primitive
+    ]
+    return Surface(
+        position=position,
+        position_error=error,
+        geometric_normal=normal,
+        shading_normal=normal if tables.normals is None else shading,
+        outgoing=outgoing,
+        front=dot(normal, outgoing) >= 0,
+        material=material,
+        instance=hits.instance,
+        primitive=hits.primitive,
+        uv=None if tables.uvs is None else _interpolate_uvs(tables, hits, is_triangle),
+    )
+
+
+def _triangle_points(
+    tables: SurfaceTables, instance: Integers, primitive: Integers, weights: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return position alpha a + beta b + gamma c (n, 3), its error bound (n,) and the geometric normal (n, 3)."""
+    corners = world_corners(tables.geometry, instance, primitive)
+    a, b, c = corners
+    position = interpolate(weights, *corners)
+    magnitude = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(c))
+    size = np.maximum(length(b - a), length(c - a))
+    error = INTERPOLATION_ERROR * length(magnitude) + CASTER_ERROR * size
+    # Edges are scaled before their product, which would underflow for triangles below 1e-160.
+    scale = np.where(size > 0, size, 1.0)[:, np.newaxis]
+    normal = normalize(cross((b - a) / scale, (c - a) / scale))
+    return position, error, np.where(tables.mirrored[instance, np.newaxis], -normal, normal)
+
+
+def interpolate(weights: Floats, a: Floats, b: Floats, c: Floats) -> Floats:
+    """alpha a + beta b + gamma c with alpha = 1 - beta - gamma (lecture, "Barycentric Coordinates").
+
+    weights : (n, 2) float64, beta and gamma; a, b, c : (n, k) float64, values at the corners
+    """
+    second, third = weights[:, 0:1], weights[:, 1:2]
+    return ((1.0 - second - third) * a + second * b) + third * c
+
+
+def _sphere_points(
+    tables: SurfaceTables, hits: Hits, rows: NDArray[np.intp], at: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Move points `at` (n, 3) radially onto their spheres: c + r n with n the direction from the centre.
+
+    n is a unit vector to within gamma(5), the product and the sum round once each: gamma(7) of r, and of |c| as well.
+    """
+    geometry = tables.geometry
+    sphere = geometry.first_id[hits.instance[rows]] + hits.primitive[rows] - geometry.sphere_id
+    centre, radius = geometry.centres[sphere], geometry.radii[sphere]
+    normal = normalize(at - centre)
+    position = centre + radius[:, np.newaxis] * normal
+    error = INTERPOLATION_ERROR * (length(centre) + radius) + CASTER_ERROR * radius
+    return position, error, normal
+
+
+def _interpolate_normals(
+    tables: SurfaceTables, instance: Integers, primitive: Integers, weights: Floats, geometric: Floats
+) -> Floats:
+    """Return the interpolated corner normals in world space, unit (n, 3); geometric normals where there are none.
+
+    The cofactor matrix is det(M) M^-T: its sign is taken back for mirrored instances.
+    """
+    if tables.normals is None:
+        return geometric
+    mesh = tables.geometry.instance_mesh[instance]
+    smooth = np.flatnonzero(tables.normals.first[mesh] >= 0)
+    local = _gather_corners(tables.normals, mesh[smooth], primitive[smooth], weights[smooth])
+    matrices = tables.normal_from_object[instance[smooth]]  # (k, 3, 3)
+    world = normalize(dot(matrices, normalize(local)[:, np.newaxis, :]))
+    world = np.where(tables.mirrored[instance[smooth], np.newaxis], -world, world)
+    usable = (world != 0).any(axis=1)
+    shading = geometric.copy()
+    shading[smooth[usable]] = world[usable]
+    return shading
+
+
+def _interpolate_uvs(tables: SurfaceTables, hits: Hits, is_triangle: NDArray[np.bool_]) -> Floats:
+    """Return (n, 2) uvs, zero on spheres and on meshes that have none."""
+    assert tables.uvs is not None
+    uv = np.zeros((len(hits), 2))
+    rows = np.flatnonzero(is_triangle)
+    mesh = tables.geometry.instance_mesh[hits.instance[rows]]
+    has_uv = tables.uvs.first[mesh] >= 0
+    rows, mesh = rows[has_uv], mesh[has_uv]
+    uv[rows] = _gather_corners(tables.uvs, mesh, hits.primitive[rows], hits.barycentric[rows])
+    return uv
+
+
+def _gather_corners(table: CornerTable, mesh: Integers, primitive: Integers, weights: Floats) -> Floats:
+    """Interpolate a corner table at n points, (n, width)."""
+    corners = table.values[table.rows[table.first[mesh] + primitive]]  # (n, 3 corners, width)
+    return interpolate(weights, corners[:, 0], corners[:, 1], corners[:, 2])
+
+
+def spawn_origin(surface: Surface, direction: Floats) -> Floats:
+    """Return where rays that leave the surface start: (n, 3), outside the error bound, on the side they leave to.
+
+    The position moves along the geometric normal by its error bound, then each coordinate by one unit in the last
+    place, away from the surface, to cover the rounding of that sum. The step follows the size of the coordinates and
+    of the primitive: below 1e-9 m at 1e6 m, so that a wall of 1e-4 m stays closed there.
+
+    Parameters
+    ----------
+    surface : Surface of n points
+    direction : (n, 3) float64, of the leaving rays
+    """
+    normal = surface.geometric_normal
+    side = np.where(dot(normal, direction)[:, np.newaxis] >= 0, normal, -normal)
+    moved = surface.position + surface.position_error[:, np.newaxis] * side
+    return np.where(side == 0, moved, np.nextafter(moved, np.copysign(np.inf, side)))
