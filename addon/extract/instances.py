@@ -120,7 +120,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         return None
     if kind == "LIGHT":
         return make_light_part(shown, source, context)
-    if not warn_visibility(shown, instancer, context):
+    if not check_visibility(shown, instancer, context):
         return None
     warn_hair(source, context.warnings)
     holdout = instancer.holdout_get(view_layer=context.view_layer)
@@ -160,7 +160,7 @@ def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
     return Part(make_key(source), light=shown.data)
 
 
-def warn_visibility(shown: Any, instancer: Any, context: Context) -> bool:
+def check_visibility(shown: Any, instancer: Any, context: Context) -> bool:
     """Return False for an object hidden from all rays; warn of what hides it from some, or makes it a catcher."""
     hidden = {
         label for name, label in RAY_VISIBILITY.items() if not (getattr(shown, name) and getattr(instancer, name))

@@ -72,6 +72,7 @@ def extract_geometry(mesh: Any, name: str, with_uvs: bool, warnings: WarningList
     if not len(triangles):
         return None
     if normals is not None and not np.isfinite(normals).all():
+        warnings.add("custom normals are NaN or infinite: their faces' own are used there", name)
         normals = replace_broken_normals(normals, positions, triangles)
     record = raytracer.Mesh(positions, triangles, normals=normals, uvs=uvs, name=name)
     used_slots = (0,) if slots is None else tuple(np.flatnonzero(np.bincount(slots)).tolist())
@@ -119,10 +120,7 @@ def read_corners(mesh: Any) -> NDArray[np.int32]:
 def replace_broken_normals(
     normals: NDArray[np.float32], positions: NDArray[Any], triangles: NDArray[np.int32]
 ) -> NDArray[Any]:
-    """Return (t, 3, 3) normals with each that is not finite replaced by its triangle's own.
-
-    A vertex that is NaN spoils the normals of its neighbours, whose faces stay.
-    """
+    """Return (t, 3, 3) corner normals with each that is not finite replaced by its triangle's own."""
     corners = (normals if normals.ndim == 3 else normals[triangles]).astype(np.float64)
     a, b, c = (positions[triangles[:, corner]].astype(np.float64) for corner in range(3))  # (t, 3) each
     flat = np.cross(b - a, c - a)

@@ -141,7 +141,10 @@ def test_hidden_instancer_shows_its_instances_only(scene_with_camera: Any) -> No
     shown.instance_type = "VERTS"
     child = add_cube(scene_with_camera.collection, "Child")
     child.parent = shown
+    shown.modifiers.new("Particles", "PARTICLE_SYSTEM")  # what has particles is walked, even if not shown itself
     shown.show_instancer_for_viewport = False
+    walked = [(item.object.name, item.show_self) for item in bpy.context.evaluated_depsgraph_get().object_instances]
+    assert ("Instancer", False) in walked
     assert {key.name for key in extract().objects} == {"Child"}
 
 

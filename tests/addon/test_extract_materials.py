@@ -171,28 +171,39 @@ def test_muted_shader_and_muted_link_are_skipped(tree: Any) -> None:
     assert_array_equal(closure.color, (0.25, 0.5, 1))
 
 
-def test_node_group_is_entered_and_left_again(tree: Any) -> None:
-    inner = bpy.data.node_groups.new("Group", "ShaderNodeTree")
-    inner.interface.new_socket("Tint", in_out="INPUT", socket_type="NodeSocketColor")
-    inner.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
-    start, diffuse, end = (
-        inner.nodes.new(kind) for kind in ("NodeGroupInput", "ShaderNodeBsdfDiffuse", "NodeGroupOutput")
-    )
-    inner.links.new(start.outputs[0], diffuse.inputs["Color"])
-    inner.links.new(diffuse.outputs[0], end.inputs[0])
-    groups = []
-    for color in ((1, 0, 0, 1), (0, 1, 0, 1)):
-        group = tree.nodes.new("ShaderNodeGroup")
-        group.node_tree = inner
-        group.inputs[0].default_value = color
-        groups.append(group)
+def make_group(name: str) -> tuple[Any, Any, Any]:
+    """Return a node group that takes a color and gives a shader: the tree, its input node, its output node."""
+    group = bpy.data.node_groups.new(name, "ShaderNodeTree")
+    group.interface.new_socket("Tint", in_out="INPUT", socket_type="NodeSocketColor")
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    return group, group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+
+
+def add_group(tree: Any, group: Any) -> Any:
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    return node
+
+
+def test_nested_node_groups_are_entered_and_left_again(tree: Any) -> None:
+    inner, inner_start, inner_end = make_group("Inner")
+    diffuse = inner.nodes.new("ShaderNodeBsdfDiffuse")
+    inner.links.new(inner_start.outputs[0], diffuse.inputs["Color"])
+    inner.links.new(diffuse.outputs[0], inner_end.inputs[0])
+    outer, outer_start, outer_end = make_group("Outer")
+    nested = add_group(outer, inner)
+    outer.links.new(outer_start.outputs[0], nested.inputs[0])
+    outer.links.new(nested.outputs[0], outer_end.inputs[0])
+    first, second = add_group(tree, outer), add_group(tree, outer)
+    first.inputs[0].default_value = (1, 0, 0, 1)
     blue = tree.nodes.new("ShaderNodeRGB")
     blue.outputs[0].default_value = (0, 0, 1, 1)
-    tree.links.new(blue.outputs[0], groups[1].inputs[0])
+    tree.links.new(blue.outputs[0], second.inputs[0])
     total = add(tree, "ShaderNodeAddShader")
-    for group, socket in zip(groups, total.inputs, strict=True):
+    for group, socket in zip((first, second), total.inputs, strict=True):
         tree.links.new(group.outputs[0], socket)
     assert [closure.color.tolist() for closure in extract_material().closures] == [[1, 0, 0], [0, 0, 1]]
+    assert not texts()
 
 
 def test_texture_is_replaced_by_the_sockets_value_and_named_once(tree: Any, shown: Any) -> None:

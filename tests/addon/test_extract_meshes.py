@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from addon import versions
 from addon.extract import Extraction, extract_scene
 
 pytestmark = pytest.mark.blender
@@ -145,6 +146,18 @@ def test_vertex_that_is_not_finite_takes_its_triangles_along(empty_scene: Any, v
         corners = mesh.normals if mesh.normals.ndim == 3 else mesh.normals[mesh.triangles]
         lengths = np.linalg.norm(corners, axis=-1)
         np.testing.assert_allclose(lengths, 1.0, rtol=4 * np.finfo(np.float32).eps)
+
+
+@pytest.mark.skipif(versions.VERSION < (5, 0), reason="free custom normals came after Blender 4.2")
+def test_custom_normal_that_is_not_finite_is_replaced_by_its_faces_own(empty_scene: Any) -> None:
+    shown = add_mesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 0, 0)], [(0, 2, 1), (0, 1, 3)])
+    custom = np.tile(np.float32((0.6, 0, 0.8)), (6, 1))
+    custom[[1, 4]] = (np.nan, 0, 0), (0, np.inf, 0)
+    shown.data.attributes.new("custom_normal", "FLOAT_VECTOR", "CORNER").data.foreach_set("vector", custom.ravel())
+    extraction = extract()
+    custom[[1, 4]] = (0, 0, -1), (0, 0, 1)  # the second triangle has no area: Blender's (0, 0, 1)
+    assert_array_equal(extraction.scene.meshes[0].normals.reshape(-1, 3), custom)
+    assert ["custom normals" in warning.text for warning in extraction.warnings] == [True]
 
 
 def test_faces_without_area_stay(empty_scene: Any) -> None:
