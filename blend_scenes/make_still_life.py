@@ -19,10 +19,10 @@ def build() -> None:
     add_glasses()
     add_fruit()
     building.add_light(
-        "Window", "AREA", 95, (-2.1, -1.1, 2.3), (0.1, 0.2, 0.2), (1.0, 0.93, 0.82), shape="SQUARE", size=0.9
+        "Window", "AREA", 100, (-2.1, -1.1, 2.3), (0.1, 0.2, 0.2), (1.0, 0.93, 0.82), shape="SQUARE", size=1.3
     )
     building.add_light(
-        "Rim", "AREA", 30, (1.9, 0.9, 1.5), (0.1, 0.1, 0.3), (0.75, 0.86, 1.0), shape="RECTANGLE", size=0.3, size_y=1.0
+        "Rim", "AREA", 30, (1.9, 0.9, 1.5), (0.1, 0.1, 0.3), (0.75, 0.86, 1.0), shape="RECTANGLE", size=0.6, size_y=1.2
     )
     building.add_camera((0.1, -2.75, 0.98), (0.06, 0.1, 0.315), 64)
 
