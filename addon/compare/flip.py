@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 # A 0.7 m wide screen of 3840 pixels seen from 0.7 m, the default of the authors' tool: 67 pixels per degree.
 PIXELS_PER_DEGREE = 0.7 * 3840 / 0.7 * np.pi / 180
@@ -53,9 +53,9 @@ def flip(image: Floats, reference: Floats, pixels_per_degree: float = PIXELS_PER
     -------
     (h, w) float64, 0 ... 1
     """
-    opponents = [to_opponent(np.clip(np.asarray(picture, np.float64), 0, 1)) for picture in (image, reference)]
-    color = compare_colors(*(filter_by_sensitivity(opponent, pixels_per_degree) for opponent in opponents))
-    features = compare_features(*((opponent[..., 0] + 16) / 116 for opponent in opponents), pixels_per_degree)
+    one, other = (to_opponent(np.clip(np.asarray(picture, np.float64), 0, 1)) for picture in (image, reference))
+    color = compare_colors(*(filter_by_sensitivity(opponent, pixels_per_degree) for opponent in (one, other)))
+    features = compare_features((one[..., 0] + 16) / 116, (other[..., 0] + 16) / 116, pixels_per_degree)
     return color ** (1 - features)
 
 

@@ -6,65 +6,72 @@ through an edge hits both triangles, so several primitives may be first. Imports
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer import exact, predicates
-from raytracer.accelerate.geometry import Geometry, instance_corners
+from raytracer.accelerate.geometry import Geometry, instance_corners, world_corners
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Primitive = tuple[int, int]  # (instance, triangle)
 
-# World-space triangles of so many instances are kept for the next ray.
-KEPT_INSTANCES = 64
+# Consecutive triangles of a mesh, mostly neighbours, that share one box.
+BLOCK = 128
 # A slab test in float64 rounds a handful of times; boxes grow by far more than that, relative to their coordinates.
 BOX_MARGIN = predicates.gamma(1024)
 
 
 class Judge:
-    """Decides the first hits of single rays on the triangles of a scene; spheres are not considered."""
+    """Decides the first hits of single rays on the triangles of a scene; spheres are not considered.
+
+    instance, first, end : (b,) the triangles of each block; lower, upper : (b, 3) its box, world space
+    """
 
     def __init__(self, geometry: Geometry) -> None:
-        self.corners = lru_cache(KEPT_INSTANCES)(lambda instance: instance_corners(geometry, instance))
-        self.lower, self.upper = _measure_boxes(geometry)
+        self.geometry = geometry
+        counts = geometry.mesh_count[geometry.instance_mesh]
+        blocks = -(-counts // BLOCK)
+        self.instance = np.repeat(np.arange(len(counts)), blocks)
+        self.first = BLOCK * (np.arange(len(self.instance)) - np.repeat(np.cumsum(blocks) - blocks, blocks))
+        self.end = np.minimum(self.first + BLOCK, counts[self.instance])
+        boxes = [measure_blocks(instance_corners(geometry, instance)) for instance in np.flatnonzero(counts)]
+        self.lower, self.upper = np.concatenate(boxes, axis=1) if boxes else np.zeros((2, 0, 3))
 
     def find_first(self, origin: Floats, direction: Floats) -> frozenset[Primitive]:
         """Return all (instance, triangle) that the ray hits at its smallest t >= 0; empty = it hits nothing."""
-        candidates = [
-            (int(instance), int(triangle))
-            for instance in np.flatnonzero(self._reach_boxes(origin, direction))
-            for triangle in find_possible(self.corners(int(instance)), origin, direction)
-        ]
-        if not candidates:
+        reached = np.flatnonzero(reach_boxes(self.lower, self.upper, origin, direction))
+        if not len(reached):
             return frozenset()
-        triangles = np.stack([self.corners(instance)[triangle] for instance, triangle in candidates])
-        return frozenset(candidates[index] for index in find_first_exactly(triangles, origin, direction))
-
-    def _reach_boxes(self, origin: Floats, direction: Floats) -> NDArray[np.bool_]:
-        """(i,) False where the ray certainly passes the instance's box."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            one, other = (self.lower - origin) / direction, (self.upper - origin) / direction
-        near = np.fmin(one, other).max(axis=1, initial=0.0)
-        far = np.fmax(one, other).min(axis=1)
-        # A ray that lies in the plane of a slab gives 0 / 0: no bound from that axis (NaN compares as reached).
-        return ~(near > far * (1 + BOX_MARGIN))
+        instance = np.repeat(self.instance[reached], (self.end - self.first)[reached])
+        triangle = np.concatenate([np.arange(self.first[block], self.end[block]) for block in reached])
+        corners = np.stack(world_corners(self.geometry, instance, triangle), axis=1)  # (k, 3 corners, 3)
+        possible = find_possible(corners, origin, direction)
+        first = possible[find_first_exactly(corners[possible], origin, direction)]
+        return frozenset(zip(instance[first].tolist(), triangle[first].tolist(), strict=True))
 
 
-def _measure_boxes(geometry: Geometry) -> tuple[Floats, Floats]:
-    """World-space boxes of all instances, (i, 3) each; an instance without triangles gets an empty one."""
-    lower = np.full((len(geometry.instance_mesh), 3), np.inf)
-    upper = -lower
-    for instance in range(len(lower)):
-        corners = instance_corners(geometry, instance).reshape(-1, 3)
-        if len(corners):
-            lower[instance], upper[instance] = corners.min(axis=0), corners.max(axis=0)
+def measure_blocks(corners: Floats) -> Floats:
+    """Return the boxes, (2, b, 3) lower and upper, of consecutive blocks of triangles (t, 3, 3), rounded outwards."""
+    starts = np.arange(0, len(corners), BLOCK)
+    lower = np.minimum.reduceat(corners.min(axis=1), starts, axis=0)
+    upper = np.maximum.reduceat(corners.max(axis=1), starts, axis=0)
     margin = BOX_MARGIN * np.maximum(np.abs(lower), np.abs(upper))
-    return lower - margin, upper + margin
+    return np.stack([lower - margin, upper + margin])
 
 
-def find_possible(corners: Floats, origin: Floats, direction: Floats) -> NDArray[np.intp]:
+def reach_boxes(lower: Floats, upper: Floats, origin: Floats, direction: Floats) -> NDArray[np.bool_]:
+    """Return (b,) False where the ray certainly passes a box."""
+    margin = BOX_MARGIN * np.abs(origin)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, other = (lower - margin - origin) / direction, (upper + margin - origin) / direction
+    near = np.fmin(one, other).max(axis=1, initial=0.0)
+    far = np.fmax(one, other).min(axis=1)
+    # A ray that lies in the plane of a slab gives 0 / 0: no bound from that axis (NaN compares as reached).
+    return ~(near > far * (1 + BOX_MARGIN))
+
+
+def find_possible(corners: Floats, origin: Floats, direction: Floats) -> Indices:
     """Return the triangles (t, 3, 3) that the line may hit: no two edge functions certainly differ in sign."""
     heading = np.broadcast_to(direction[:, None], (3, len(corners)))
     a, b, c = (np.ascontiguousarray((corners[:, corner] - origin).T) for corner in range(3))
@@ -74,7 +81,7 @@ def find_possible(corners: Floats, origin: Floats, direction: Floats) -> NDArray
     return np.flatnonzero(~missed)
 
 
-def find_first_exactly(corners: Floats, origin: Floats, direction: Floats) -> list[int]:
+def find_first_exactly(corners: Floats, origin: Floats, direction: Floats) -> Indices:
     """Return the indices of the triangles (k, 3, 3) that the ray hits at the smallest t >= 0, in exact arithmetic."""
     points, _ = exact.to_integers([*origin, *corners.ravel().tolist()])
     heading, _ = exact.to_integers(direction.tolist())
@@ -90,4 +97,4 @@ def find_first_exactly(corners: Floats, origin: Floats, direction: Floats) -> li
             first, nearest = [index], hit.t
         elif order == 0:
             first.append(index)
-    return first
+    return np.array(first, dtype=np.intp)

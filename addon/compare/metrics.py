@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Booleans = NDArray[np.bool_]
 
 # Keeps the relative error finite where the reference is black (Rousselle et al. 2011, section 4).

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..engine import ENGINE
 from ..passes import PASSES, enable_passes
-from ..versions import pass_name, set_image_format
+from ..versions import blender_pass_name, set_image_format
 from .exr import read_exr
 
 CYCLES = "CYCLES"
@@ -188,7 +188,9 @@ def render_batches(scene: Any, view_layer: Any, engine: str, request: Request) -
 def collect_passes(channels: dict[str, Image], layer: str, names: Sequence[str]) -> dict[str, Image]:
     """Return the passes (h, w, channels) of a view layer from the channels "layer.pass.letter" of its file."""
     return {
-        name: np.stack([channels[f"{layer}.{pass_name(name)}.{letter}"] for letter in PASSES[name].channels], axis=-1)
+        name: np.stack(
+            [channels[f"{layer}.{blender_pass_name(name)}.{letter}"] for letter in PASSES[name].channels], axis=-1
+        )
         for name in names
     }
 

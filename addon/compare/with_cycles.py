@@ -96,7 +96,7 @@ def compare_passes(scene: Any, view_layer: Any, width: int, height: int) -> dict
     return {name: compare_pass(name, ours.passes[name][0], cycles.passes[name][0]) for name in names[1:]}
 
 
-def compare_pass(name: str, ours: NDArray[np.float32], cycles: NDArray[np.float32]) -> PassDifference:
+def compare_pass(name: str, ours: NDArray[np.floating], cycles: NDArray[np.floating]) -> PassDifference:
     """Return where and by how much a pass (h, w, c) differs.
 
     Indices have to be equal. Values may differ by what a sample within the filter can see of the neighbourhood,
@@ -119,7 +119,7 @@ def compare_pass(name: str, ours: NDArray[np.float32], cycles: NDArray[np.float3
 BACKGROUND_DEPTH = 1e10
 
 
-def measure_largest_step(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def measure_largest_step(values: NDArray[np.floating]) -> NDArray[np.floating]:
     """Return (h, w): the largest difference of any channel between a pixel of (h, w, c) and its eight neighbours."""
     padded = np.pad(values, ((1, 1), (1, 1), (0, 0)), mode="edge")
     height, width = values.shape[:2]

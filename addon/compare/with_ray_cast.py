@@ -79,10 +79,9 @@ def compare_with_ray_cast(
 ) -> RayCastComparison:
     """Cast the camera's rays (width x height) and `count` rays of each other family of `aims` on both sides."""
     extraction = extract_scene(depsgraph)
-    keys = [
-        key_of(shown.name, matrix)
-        for shown, matrix in zip(extraction.objects, extraction.scene.instances.world_from_object, strict=False)
-    ]
+    assert extraction.scene.instances is not None
+    matrices = extraction.scene.instances.world_from_object
+    keys = [key_of(shown.name, matrix) for shown, matrix in zip(extraction.objects, matrices, strict=False)]
     # Instances that look the same to Blender, name and matrix, count as one: the first.
     target_of_key = {key: number for number, key in reversed(list(enumerate(keys)))}
     sides = Sides(
