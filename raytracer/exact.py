@@ -63,6 +63,9 @@ def compare(one: Root, other: Root) -> int:
     return left * sign_of_surd(x * x - p * p * n - q * q * m, 2 * p * q, n * m)
 
 
+_ORDER = cmp_to_key(compare)
+
+
 def to_integers(values: Sequence[float]) -> tuple[list[int], int]:
     """Return integers and one exponent e with value = integer * 2^e for all finite floats given."""
     ratios = [float(value).as_integer_ratio() for value in values]
@@ -76,6 +79,10 @@ def _cross(p: Vector, q: Vector) -> Vector:
 
 def _dot(p: Vector, q: Vector) -> int:
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
+
+
+def _vector(numbers: Sequence[int], first: int) -> Vector:
+    return (numbers[first], numbers[first + 1], numbers[first + 2])
 
 
 def _minus(p: Sequence[int], q: Sequence[int]) -> Vector:
@@ -133,9 +140,9 @@ def root_to_float(root: Root) -> tuple[float, float]:
 
 
 class ExactHit(NamedTuple):
-    """The decided closest hit of one ray: index into the candidates (-1 = miss), t with its bound, weights of b, c."""
+    """The decided closest hit of one ray: which candidate (-1 = miss), t with its bound, weights of corners b and c."""
 
-    index: int
+    chosen: int
     t: float
     t_error: float
     barycentric: tuple[float, float]
@@ -175,27 +182,26 @@ def closest_candidate(
     # Positions share one exponent, the direction has its own: t = T / D is then off by 2^(position - direction).
     points, point_exponent = to_integers([*origin, *corners.ravel().tolist(), *spheres.ravel().tolist()])
     ray_direction, direction_exponent = to_integers(direction)
-    start, heading = tuple(points[:3]), tuple(ray_direction)
+    start, heading = _vector(points, 0), _vector(ray_direction, 0)
     exponent = direction_exponent - point_exponent
     if t_min == math.inf or t_max < t_min:
         return MISS
     low, high = _scaled_bound(t_min, exponent), _scaled_bound(t_max, exponent)
     found: list[tuple[Root, int, tuple[int, int, int]]] = []
     for index in range(len(corners)):
-        row = points[3 + 9 * index : 12 + 9 * index]
-        hit = intersect_triangle(start, heading, (tuple(row[:3]), tuple(row[3:6]), tuple(row[6:])))  # type: ignore[arg-type]
+        hit = intersect_triangle(start, heading, [_vector(points, 3 + 9 * index + 3 * k) for k in range(3)])
         if hit is not None and _inside(hit.t, low, high):
             found.append((hit.t, index, hit.edges))
     first_sphere = 3 + 9 * len(corners)
     for index in range(len(spheres)):
-        x, y, z, radius = points[first_sphere + 4 * index : first_sphere + 4 * index + 4]
-        roots = intersect_sphere(start, heading, (x, y, z), radius)  # type: ignore[arg-type]
+        row = first_sphere + 4 * index
+        roots = intersect_sphere(start, heading, _vector(points, row), points[row + 3])
         inside = [root for root in roots or () if _inside(root, low, high)]
         if inside:
             found.append((inside[0], len(corners) + index, (1, 0, 0)))
     if not found:
         return MISS
-    t, index, edges = min(found, key=cmp_to_key(lambda one, other: compare(one[0], other[0])))
+    t, index, edges = min(found, key=lambda candidate: _ORDER(candidate[0]))
     value, error = root_to_float(_unscale(t, exponent))
     total = sum(edges)
     return ExactHit(index, value, error, (edges[1] / total, edges[2] / total))
@@ -206,3 +212,34 @@ def _unscale(t: Root, exponent: int) -> Root:
     if exponent >= 0:
         return t._replace(scale=t.scale << exponent)
     return t._replace(rational=t.rational << -exponent, radicand=t.radicand << (-2 * exponent) if t.radicand else 0)
+
+
+def _sign(value: int) -> int:
+    return (value > 0) - (value < 0)
+
+
+def _first_sign(vector: Vector) -> int:
+    """Sign of vector . (e, e^2, e^3) for an infinitely small e > 0: that of the first component that is not zero."""
+    return _sign(vector[0]) or _sign(vector[1]) or _sign(vector[2])
+
+
+def crosses(origin: Sequence[float], direction: Sequence[float], corners: NDArray[np.float64]) -> bool:
+    """Does the ray from `origin`, moved by (e, e^2, e^3), cross the triangle (3, 3)? Exact.
+
+    Moving the origin by e changes E(p, q) by e . (d x (q - p)) and T by -e . N, and D not at all; where the unmoved
+    value is zero, that is its sign.
+    """
+    points, _ = to_integers([*origin, *corners.ravel().tolist()])
+    heading = _vector(to_integers(direction)[0], 0)
+    start = _vector(points, 0)
+    a, b, c = (_minus(_vector(points, first), start) for first in (3, 6, 9))
+    normal = _cross(_minus(b, a), _minus(c, a))
+    denominator = _sign(_dot(heading, normal))
+    if denominator == 0:
+        return False
+    for p, q in ((b, c), (c, a), (a, b)):
+        side = _sign(_dot(heading, _cross(p, q))) or _first_sign(_cross(heading, _minus(q, p)))
+        if side != denominator:
+            return False
+    ahead = _sign(_dot(a, normal)) or -_first_sign(normal)
+    return ahead == denominator

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accelerate.brute_force import offer_all
+from raytracer.accelerate.crossings import CrossingSearch
 from raytracer.accelerate.geometry import Geometry, pack_geometry
 from raytracer.accelerate.hierarchy import build_hierarchy, choose_flattened
 from raytracer.accelerate.primitives import PRECISIONS, Primitives, make_primitives
@@ -85,6 +86,29 @@ class Caster:
                 [self._search(batch, any_hit=True).found_any() for batch in _split(rays)]
             )
         return found
+
+    def crossings(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.int32]:
+        """Return how many triangles each ray crosses, (n,) int32; odd means inside a closed mesh.
+
+        Exact parity also where a ray passes through edges and vertices or starts on a face (`crossings`). Spheres are
+        not counted; invalid rays cross nothing.
+
+        Raises
+        ------
+        ValueError
+            If the caster's precision is not 'certified'.
+        """
+        if self.primitives.precision != "certified":
+            raise ValueError(f"crossings: precision: expected 'certified', got {self.primitives.precision!r}")
+        rays = make_rays(origins, directions)
+        count = np.zeros(len(rays), np.int32)
+        found = []
+        for batch in _split(rays):
+            search = CrossingSearch(self.primitives, batch)
+            self.offer(search)
+            found.append(search.counts())
+        count[rays.valid()] = np.concatenate(found)
+        return count
 
     def _search(self, rays: Rays, any_hit: bool) -> Search:
         search = Search(self.primitives, rays, any_hit)

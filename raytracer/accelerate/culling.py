@@ -50,8 +50,8 @@ class CullingRays:
     rows : (n, 9) float32, origin + pad, origin - pad, reciprocal direction
     start, exponent : (n,) t_row = (t - start) 2^exponent
     slack : (n,) float64, absolute error of t_row
-    origin, direction, error : (n, 3), (n, 3), (n,) float64 in the frame: moved origin, direction per unit of t_row, bound on
-        the error of the origin
+    origin, direction : (n, 3) float64 in the frame: the moved origin, the direction per unit of t_row
+    error : (n,) float64, bound on the error of `origin`
     """
 
     rows: NDArray[np.float32]
@@ -68,13 +68,15 @@ def prepare_rays(frame: Frame, origins: Floats, directions: Floats) -> CullingRa
 
     Powers of two are exact. Moving the origin costs three roundings, relative to the origin's distance and the way.
     """
-    length = np.frexp(np.abs(directions).max(axis=1))[1]  # |direction| < 2^length
+    length = np.frexp(largest_component(directions)[:, 0])[1]  # |direction| < 2^length
     direction = np.ldexp(directions, -length[:, None])
     exponent = frame.exponent + length
     with np.errstate(over="ignore", invalid="ignore"):
         origin = np.ldexp(origins - frame.centre, frame.exponent)
-        distance = np.abs(origin).max(axis=1)
-        way = np.where(distance > FAR, _way_to_box(origin, direction), 0.0)
+        distance = largest_component(origin)[:, 0]
+        way = np.zeros(len(origins))
+        far = np.flatnonzero(distance > FAR)
+        way[far] = _way_to_box(origin[far], direction[far])
         start = np.ldexp(way, -exponent)
         movable = (start > SMALLEST_START) & np.isfinite(start)
         way, start = np.where(movable, way, 0.0), np.where(movable, start, 0.0)
@@ -83,6 +85,12 @@ def prepare_rays(frame: Frame, origins: Floats, directions: Floats) -> CullingRa
         slack = gamma(8) * way + 4 * FLOAT32_ROUNDOFF
     rows = make_rows(moved, direction, error[:, None] + np.zeros(3))
     return CullingRays(rows, start, exponent, slack, moved, direction, error)
+
+
+def largest_component(vectors: Floats) -> Floats:
+    """(n, 1) largest absolute component of (n, 3) vectors; a reduction over three columns is slower by far."""
+    sizes = np.abs(vectors)
+    return np.maximum(np.maximum(sizes[:, 0], sizes[:, 1]), sizes[:, 2])[:, None]
 
 
 def _way_to_box(origin: Floats, direction: Floats) -> Floats:
@@ -98,7 +106,7 @@ def make_rows(origin: Floats, direction: Floats, error: Floats) -> NDArray[np.fl
     pad = error + 4 * FLOAT32_ROUNDOFF * (1 + np.abs(origin))
     known = np.isfinite(pad) & np.isfinite(origin)
     origin, pad = np.where(known, origin, 0.0), np.where(known, pad, UNKNOWN)
-    largest = np.abs(direction).max(axis=1, keepdims=True)
+    largest = largest_component(direction)
     cap = RECIPROCAL_CAP / largest
     with np.errstate(divide="ignore", over="ignore"):
         reciprocal = 1 / direction

@@ -27,8 +27,8 @@ class Hierarchy:
 
     frame : of the world trees
     nodes : (k, 32) float32, all trees' nodes; child references count in this table
-    items : (t,) int64, what the leaves hold: primitive ids up to `instances_begin`, then instances up to `meshes_begin`,
-        then triangles of shared meshes
+    items : (t,) int64, what the leaves hold: primitive ids up to `instances_begin`, then instances up to
+        `meshes_begin`, then triangles of shared meshes
     roots : nodes at which every ray begins
     placed : the shared meshes' trees, or None
     """

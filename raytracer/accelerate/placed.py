@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accelerate.bvh import Frame
-from raytracer.accelerate.culling import CullingRays, make_rows
+from raytracer.accelerate.culling import CullingRays, largest_component, make_rows
 from raytracer.predicates import gamma
 from raytracer.rays import Booleans, Floats
 
@@ -67,7 +67,7 @@ def can_be_placed(world_from_object: Floats, mesh_exponent: NDArray, world_expon
     """(i,) True where an instance's matrix is well enough conditioned for rays to be brought into object space."""
     inverse, residual = invert(world_from_object)
     size = np.frexp(np.abs(inverse).max(axis=(1, 2)))[1] + mesh_exponent - world_exponent
-    return (residual < WORST_RESIDUAL) & (np.abs(size) < EXPONENT_RANGE)
+    return np.asarray((residual < WORST_RESIDUAL) & (np.abs(size) < EXPONENT_RANGE))
 
 
 def place_rays(
@@ -85,11 +85,11 @@ def place_rays(
     error = _apply(size, np.ldexp(rays.error[ray], -frame.exponent)[:, None] + gamma(8) * reach)
     # The way to the far side of the mesh, in units of t_row.
     middle, half = placed.centre[instance], np.ldexp(1.0, -exponent)
-    extent = np.abs(local - middle).max(axis=1, keepdims=True) + 2 * half
+    extent = largest_component(local - middle) + 2 * half
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        way = extent / np.abs(slope).max(axis=1, keepdims=True)
+        way = extent / largest_component(slope)
         error += gamma(8) * _apply(size, np.abs(direction)) * way
-        largest = extent + np.abs(middle).max(axis=1, keepdims=True) + np.abs(local).max(axis=1, keepdims=True)
+        largest = extent + largest_component(middle) + largest_component(local)
         error += 4 * placed.residual[instance][:, None] * largest + placed.corner_error[instance]
         return make_rows(
             np.ldexp(local - middle, exponent), np.ldexp(slope, exponent), np.ldexp(error, exponent) + gamma(4) * 2
@@ -99,4 +99,5 @@ def place_rays(
 def _apply(matrix: Floats, vector: Floats) -> Floats:
     """(k, 3, 3) times (k, 3)."""
     x, y, z = vector[:, 0, None], vector[:, 1, None], vector[:, 2, None]
-    return (matrix[:, :, 0] * x + matrix[:, :, 1] * y) + matrix[:, :, 2] * z
+    product: Floats = (matrix[:, :, 0] * x + matrix[:, :, 1] * y) + matrix[:, :, 2] * z
+    return product

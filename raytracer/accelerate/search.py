@@ -43,7 +43,9 @@ class Candidates(NamedTuple):
     certain: Booleans
 
     def select(self, index: Indices | Booleans) -> Candidates:
-        return Candidates(*(column[index] for column in self))
+        return Candidates(
+            self.ray[index], self.primitive_id[index], self.t[index], self.low[index], self.certain[index]
+        )
 
 
 class Search:
@@ -70,11 +72,13 @@ class Search:
         """(n,) one edge-function bound per ray, from the farthest coordinate of any triangle."""
         low, high = self.primitives.bounds
         # Three roundings: two differences and the product that absorbs them.
-        reach = np.maximum(np.abs(low - self.rays.origins), np.abs(high - self.rays.origins)).max(axis=1)
+        origin = self.rays.origins.T
+        away = np.maximum(np.abs(low[:, None] - origin), np.abs(high[:, None] - origin))
+        reach = np.maximum(np.maximum(away[0], away[1]), away[2])
         return predicates.edge_error_of_ray(self.rays.directions.T, reach * (1 + predicates.gamma(3)))
 
     def offer(self, ray: Indices, primitive_id: Ids) -> Indices:
-        """Take in candidates, rays by index and primitives by id, in any order; return rays whose `best` may have changed."""
+        """Take in candidates, rays by index and primitives by id; return rays whose `best` may have changed."""
         if not len(self.primitives.geometry.radii):
             return self._offer_triangles(ray, primitive_id)
         sphere = primitive_id >= self.primitives.geometry.sphere_id
@@ -170,7 +174,7 @@ class Search:
         if self.certified:
             left = self._remaining()
             for start, stop in _runs(left.ray):
-                found[left.ray[start]] = self._decide(left, start, stop).index >= 0
+                found[left.ray[start]] = self._decide(left, start, stop).chosen >= 0
         return found
 
     def closest(self) -> Hits:
@@ -203,8 +207,8 @@ class Search:
         unbounded = np.isin(left.ray, single.ray[~np.isfinite(error)])
         for start, stop in runs[~clear | unbounded[runs[:, 0]]]:
             decision = self._decide(left, start, stop)
-            if decision.index >= 0:
-                ray, primitive_id = left.ray[start], left.primitive_id[start + decision.index]
+            if decision.chosen >= 0:
+                ray, primitive_id = left.ray[start], left.primitive_id[start + decision.chosen]
                 self._measure(hits, left.ray[start : start + 1], np.array([primitive_id]))
                 hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
                 hits.barycentric[ray] = decision.barycentric
@@ -260,15 +264,13 @@ class Search:
 def _judge_edges(lines: NDArray, corners: NDArray) -> tuple[Booleans, Booleans]:
     """Return (certainly inside, possibly inside) by each pair's own error bound."""
     p, q, r = (corners[row : row + 3] - lines[:3] for row in (0, 3, 6))
-    above = below = False
-    inside_above = inside_below = True
+    sides = []
     for one, other in ((q, r), (r, p), (p, q)):
-        edge = predicates.edge_function(lines[3:], one, other)
-        error = predicates.edge_error(lines[3:], one, other)
-        positive, negative = edge > error, edge < -error
-        above, below = above | positive, below | negative
-        inside_above, inside_below = inside_above & positive, inside_below & negative
-    return inside_above | inside_below, ~(above & below)  # type: ignore[return-value,operator]
+        edge, error = predicates.edge_function(lines[3:], one, other), predicates.edge_error(lines[3:], one, other)
+        sides.append((edge > error).astype(np.int8) - (edge < -error))
+    above, below = np.max(sides, axis=0) > 0, np.min(sides, axis=0) < 0
+    inside = (np.min(sides, axis=0) > 0) | (np.max(sides, axis=0) < 0)
+    return inside, ~(above & below)
 
 
 def _runs(sorted_values: Indices) -> NDArray[np.intp]:
