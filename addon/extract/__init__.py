@@ -62,8 +62,8 @@ def extract_scene(depsgraph: Any, passes: Sequence[str] = ("Combined",), geometr
     materials = None if geometry_only else MaterialTable(warnings)
     meshes = MeshTable("UV" in passes, warnings)
     warn_missing(depsgraph, warnings)
-    placements, matrices = walk_instances(depsgraph, Context(view_layer, meshes, materials, warnings))
-    placed = place_parts(placements, matrices, warnings)
+    placements = walk_instances(depsgraph, Context(view_layer, meshes, materials, warnings))
+    placed = place_parts(placements, warnings)
     world = None if geometry_only else extract_world(versions.find_world(scene, view_layer), warnings)
     record = raytracer.Scene(
         meshes=meshes.records,

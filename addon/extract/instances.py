@@ -1,7 +1,8 @@
-"""What stands where: one walk over the depsgraph's object instances, then all matrices in one read.
+"""What stands where: one walk over the depsgraph's object instances.
 
 An iterator's items die with its next step, so the walk turns each distinct combination of object, instancer and
-data into a Part and keeps only row numbers. Imports raytracer and this package.
+data into a Part and copies matrices as it goes: reading all at once with `foreach_get` leaks memory in Blender 4.2.
+Imports raytracer and this package.
 """
 
 from __future__ import annotations
@@ -59,11 +60,11 @@ class Part:
 
 @dataclass
 class Placements:
-    """parts, and for each instance worth keeping its part and its row in `depsgraph.object_instances`."""
+    """The parts, and for each instance worth keeping the number of its part and its (4, 4) world matrix."""
 
     parts: list[Part] = field(default_factory=list)
     part: list[int] = field(default_factory=list)
-    row: list[int] = field(default_factory=list)
+    world_from_object: list[NDArray[np.float64]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -76,12 +77,11 @@ class Context:
     warnings: WarningList
 
 
-def walk_instances(depsgraph: Any, context: Context) -> tuple[Placements, NDArray[np.float64]]:
-    """Return the placements and their (i, 4, 4) float64 world matrices."""
-    placements, known = Placements(), {}
-    count = 0
-    for row, instance in enumerate(depsgraph.object_instances):
-        count = row + 1
+def walk_instances(depsgraph: Any, context: Context) -> Placements:
+    """Return all that a depsgraph shows and that we can show."""
+    placements = Placements()
+    known: dict[tuple[int, int, int], int] = {}
+    for instance in depsgraph.object_instances:
         shown, data = instance.object, instance.object.data
         if data is None or not instance.show_self:
             continue
@@ -97,17 +97,8 @@ def walk_instances(depsgraph: Any, context: Context) -> tuple[Placements, NDArra
                 placements.parts.append(part)
         if known[key] >= 0:
             placements.part.append(known[key])
-            placements.row.append(row)
-    return placements, read_matrices(depsgraph, count)[np.asarray(placements.row, dtype=np.intp)]
-
-
-def read_matrices(depsgraph: Any, count: int) -> NDArray[np.float64]:
-    """Return (count, 4, 4) world matrices of all object instances; the last row is (0, 0, 0, 1), as Cycles takes it."""
-    flat = np.empty(count * 16, dtype=np.float32)
-    depsgraph.object_instances.foreach_get("matrix_world", flat)
-    matrices = flat.reshape(count, 4, 4).transpose(0, 2, 1).astype(np.float64)
-    matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)
-    return matrices
+            placements.world_from_object.append(np.array(instance.matrix_world, dtype=np.float64))
+    return placements
 
 
 def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part | None:
@@ -205,8 +196,10 @@ class Placed:
     objects: tuple[ObjectKey, ...]
 
 
-def place_parts(placements: Placements, matrices: NDArray[np.float64], warnings: WarningList) -> Placed:
+def place_parts(placements: Placements, warnings: WarningList) -> Placed:
     """Return instances, spheres and lights in world space; those with a matrix that is not finite are left out."""
+    matrices = np.array(placements.world_from_object).reshape(-1, 4, 4)  # (i, 4, 4)
+    matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)  # as Cycles: a parent's inverse matrix may hold anything there
     finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
     meshes: list[int] = []
     spheres, lights, sphere_objects = [], [], []

@@ -208,6 +208,22 @@ def test_matrix_that_is_not_finite_is_left_out(scene_with_camera: Any) -> None:
     assert [warning.object for warning in extraction.warnings] == ["Broken"]
 
 
+def test_projective_part_of_a_parents_inverse_is_dropped_as_in_cycles(scene_with_camera: Any) -> None:
+    parent = bpy.data.objects.new("Parent", None)
+    scene_with_camera.collection.objects.link(parent)
+    child = add_cube(scene_with_camera.collection)
+    inverse = Matrix()
+    inverse[3][0] = 0.5
+    child.parent, child.matrix_parent_inverse = parent, inverse
+    assert_array_equal(extract().scene.instances.world_from_object[0], np.eye(4))
+
+
+def test_empty_scene_has_nothing(scene_with_camera: Any) -> None:
+    extraction = extract()
+    assert (extraction.objects, extraction.polygons, extraction.warnings) == ((), (), ())
+    assert extraction.scene.instance_count == 0
+
+
 def test_geometry_only_needs_no_camera_and_reads_no_material(empty_scene: Any) -> None:
     add_cube(empty_scene.collection).data.materials.append(bpy.data.materials.new("Material"))
     scene = extract(geometry_only=True).scene
