@@ -173,6 +173,7 @@ class Search:
         found = self.best_id != NO_ID
         if self.certified:
             left = self._remaining()
+            left = left.select(np.flatnonzero(~found[left.ray]))  # a doubtful candidate does not undo a certain hit
             for start, stop in _runs(left.ray):
                 found[left.ray[start]] = self._decide(left, start, stop).chosen >= 0
         return found
