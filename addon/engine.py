@@ -17,7 +17,7 @@ import raytracer
 from raytracer.workers import WorkerError
 
 from . import statistics
-from .extract import extract_scene
+from .extract import Extraction, extract_scene
 from .output import Border, RenderOutput, read_border
 from .passes import declare_passes, enabled_passes
 from .properties import settings_keywords
@@ -32,6 +32,10 @@ PICTURE_SHARE = 0.1
 
 # Called with the finished share of the frame, 0 to 1; the command line's progress bar listens here.
 progress_listeners: list[Callable[[float], None]] = []
+
+
+class SceneError(Exception):
+    """The scene cannot be rendered; the user can change that."""
 
 
 class ReferenceRaytracerEngine(bpy.types.RenderEngine):
@@ -58,7 +62,7 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
             self._fail("interrupted")
         except MemoryError:
             self._fail("not enough memory")
-        except (ValueError, WorkerError) as error:  # the message says why this scene, here, cannot be rendered
+        except (SceneError, WorkerError) as error:
             self._fail(str(error))
         except Exception as error:  # nothing may reach Blender: it would take the render for a success
             traceback.print_exc()
@@ -77,7 +81,7 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
     border = read_border(scene.render, engine.resolution_x, engine.resolution_y)
     with RenderOutput(engine, view_layer.name, border) as output:
         engine.update_stats("", "Reading the scene")
-        extraction = extract_scene(depsgraph, enabled_passes(view_layer))
+        extraction = read_scene(depsgraph)
         warnings = (*map(str, extraction.warnings), *find_ignored_settings(scene))
         progress = Progress(engine, output, count_view_layers(scene))
         film = trace(engine, extraction.scene, view_layer, scene, border, progress)
@@ -99,6 +103,14 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         cancelled=film.cancelled,
     )
     statistics.record_view_layer(depsgraph.scene, taken, first=engine.layers_done == 0)
+
+
+def read_scene(depsgraph: Any) -> Extraction:
+    """Return what the depsgraph shows, or raise SceneError with the reason why it cannot be rendered."""
+    try:
+        return extract_scene(depsgraph, enabled_passes(depsgraph.view_layer_eval))
+    except ValueError as error:
+        raise SceneError(str(error)) from error
 
 
 def trace(
