@@ -98,6 +98,5 @@ def place_rays(
 
 def _apply(matrix: Floats, vector: Floats) -> Floats:
     """(k, 3, 3) times (k, 3)."""
-    x, y, z = vector[:, 0, None], vector[:, 1, None], vector[:, 2, None]
-    product: Floats = (matrix[:, :, 0] * x + matrix[:, :, 1] * y) + matrix[:, :, 2] * z
-    return product
+    columns = matrix * vector[:, None, :]
+    return np.add(np.add(columns[:, :, 0], columns[:, :, 1]), columns[:, :, 2])

@@ -26,7 +26,7 @@ class Primitives:
     corners : (f, 9) world corners a, b, c of the flattened instances' triangles, in the precision's dtype
     flattened : (i,) bool
     row_shift : (i,) int64, add to a primitive id of a flattened instance to get its row in `corners`
-    bounds : (2, 3) float64, a box around all triangles
+    bounds : (2, 3) float64, a box around all triangles; the origin where there are none
     """
 
     geometry: Geometry
@@ -52,7 +52,8 @@ def make_primitives(geometry: Geometry, precision: str, flattened: Booleans) -> 
     placed = instance_bounds(geometry, np.flatnonzero(~flattened)).reshape(-1, 3)
     everything = np.concatenate([_extremes(points), placed])
     row_shift = first_row[:-1] - geometry.first_id[: len(flattened)]
-    return Primitives(geometry, precision, corners, flattened, row_shift, _extremes(everything))
+    bounds = _extremes(everything) if len(everything) else np.zeros((2, 3))
+    return Primitives(geometry, precision, corners, flattened, row_shift, bounds)
 
 
 def _extremes(points: NDArray) -> NDArray:

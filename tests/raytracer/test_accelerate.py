@@ -1,0 +1,224 @@
+"""Every way of finding candidates gives the hits of brute force, bit for bit, and a batch those of its single rays."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+import raytracer
+from raytracer.accelerate import bvh, culling, hierarchy
+from raytracer.accelerate.brute_force import offer_all
+from raytracer.accelerate.caster import Caster
+from raytracer.accelerate.geometry import instance_corners, pack_geometry, world_corners
+from raytracer.accelerate.primitives import instance_bounds, make_primitives
+from raytracer.accelerate.traverse import offer_traversed
+from tests.meshes import make_grid, make_icosphere, make_soup
+
+FIELDS = ("distance", "distance_error", "instance", "primitive", "barycentric", "valid")
+
+
+def assert_same_hits(hits, expected):
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(hits, name), getattr(expected, name), err_msg=name)
+
+
+def brute_force(caster):
+    everything = np.ones(caster.scene.instance_count, dtype=bool)
+    primitives = make_primitives(caster.geometry, caster.primitives.precision, everything)
+    return Caster(caster.scene, primitives, offer_all)
+
+
+def mixed_rays(rng, count, targets, scale=1.0, offset=0.0):
+    """Half aimed at given points, half random; some with zero components of both signs, some on round coordinates."""
+    origins = rng.normal(size=(count, 3)) * 3 * scale + offset
+    directions = targets[rng.integers(len(targets), size=count)] - origins
+    directions[count // 2 :] = rng.normal(size=(count - count // 2, 3)) * scale
+    directions[::7, 0], directions[::11, 1] = 0.0, -0.0
+    return origins, directions
+
+
+def random_matrices(rng, count, offset=0.0):
+    """Rotated, sheared, mirrored, unevenly scaled placements; one is flattened to a plane."""
+    matrices = np.tile(np.eye(4), (count, 1, 1))
+    matrices[:, :3, :3] = rng.normal(size=(count, 3, 3))
+    matrices[:, :3, 3] = rng.normal(size=(count, 3)) * 4 + offset
+    matrices[1, :3, :3] *= 1e-4
+    matrices[2, 2, :3] = 0
+    return matrices
+
+
+@pytest.mark.parametrize("precision", ["certified", "float64"])
+@pytest.mark.parametrize(
+    ("scale", "offset", "length"),
+    [(1, 0, 1), (1e-30, 0, 1e30), (1e25, 0, 1e-30), (1, 1e6, 1), (1, 1e9, 1e5), (1e-40, 0, 1)],
+)
+def test_tree_equals_brute_force_at_any_scale(rng, precision, scale, offset, length):
+    positions, triangles = make_grid(14)
+    mesh = raytracer.Mesh(positions * scale + offset, triangles)
+    centres = rng.normal(size=(40, 3)) * scale + offset
+    spheres = raytracer.Spheres(centres, (0.3 * rng.random(40) + 1e-3) * scale)
+    caster = raytracer.build(raytracer.Scene(meshes=[mesh], spheres=spheres), precision)
+    origins, directions = mixed_rays(rng, 500, mesh.positions, scale, offset)
+    rays = (origins, directions * length)
+    assert_same_hits(caster.closest_hit(*rays), brute_force(caster).closest_hit(*rays))
+    np.testing.assert_array_equal(caster.any_hit(*rays), brute_force(caster).any_hit(*rays))
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_placed_instances_equal_flattened_ones(rng, monkeypatch, offset):
+    monkeypatch.setattr(hierarchy, "FLATTEN_LIMIT", 0)
+    meshes = [raytracer.Mesh(*make_grid(10)), raytracer.Mesh(*make_icosphere(1))]
+    matrices = random_matrices(rng, 30, offset)
+    scene = raytracer.Scene(meshes=meshes, instances=raytracer.Instances(np.arange(30) % 2, matrices))
+    caster = raytracer.build(scene)
+    # Only the plane-flattened matrix cannot be brought back into object space.
+    assert np.flatnonzero(caster.primitives.flattened).tolist() == [2]
+    targets = np.concatenate([instance_corners(caster.geometry, i).reshape(-1, 3) for i in range(30)])
+    rays = mixed_rays(rng, 800, targets, offset=offset)
+    assert_same_hits(caster.closest_hit(*rays), brute_force(caster).closest_hit(*rays))
+    np.testing.assert_array_equal(caster.any_hit(*rays), brute_force(caster).any_hit(*rays))
+    np.testing.assert_array_equal(caster.crossings(*rays), brute_force(caster).crossings(*rays))
+
+
+def test_batch_equals_single_rays(rng):
+    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_soup(rng, 60))]))
+    origins, directions = mixed_rays(rng, 60, np.zeros((1, 3)))
+    together = caster.closest_hit(origins, directions, 0.5, np.linspace(1, 9, 60))
+    for ray, t_max in enumerate(np.linspace(1, 9, 60)):
+        alone = caster.closest_hit(origins[ray], directions[ray], 0.5, t_max)
+        for name in FIELDS:
+            np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[ray])
+
+
+def test_batches_larger_than_one_block_keep_their_order(rng, monkeypatch):
+    monkeypatch.setattr(raytracer.accelerate.caster, "BATCH_RAYS", 64)
+    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(8))]))
+    origins, directions = mixed_rays(rng, 300, np.zeros((1, 3)))
+    directions[::17] = np.nan
+    in_blocks = caster.closest_hit(origins, directions)
+    monkeypatch.undo()
+    assert_same_hits(in_blocks, caster.closest_hit(origins, directions))
+    assert not in_blocks.valid[::17].any()
+
+
+def test_identity_instances_equal_no_instances(rng):
+    mesh = raytracer.Mesh(*make_icosphere(2))
+    plain = raytracer.build(raytracer.Scene(meshes=[mesh]))
+    placed = raytracer.build(raytracer.Scene(meshes=[mesh], instances=raytracer.Instances([0], [np.eye(4)])))
+    rays = mixed_rays(rng, 200, mesh.positions)
+    assert_same_hits(placed.closest_hit(*rays), plain.closest_hit(*rays))
+
+
+def test_empty_scene_is_missed():
+    hits = raytracer.build(raytracer.Scene()).closest_hit([[0, 0, 0]], [[0, 0, 1]])
+    assert not hits.hit.any()
+    assert hits.valid.all()
+    assert hits.distance[0] == np.inf
+
+
+def test_no_rays_give_no_hits():
+    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(4))]))
+    assert len(caster.closest_hit(np.zeros((0, 3)), np.zeros((0, 3)))) == 0
+    assert len(caster.any_hit(np.zeros((0, 3)), np.zeros((0, 3)))) == 0
+
+
+@pytest.mark.parametrize(("count", "spread"), [(1, 1), (3, 0), (9, 0), (100, 1), (3000, 1)])
+def test_tree_holds_every_item_once_inside_its_boxes(rng, count, spread):
+    low = rng.normal(size=(count, 3)) * spread
+    boxes = np.stack([low, low + rng.random((count, 3))], axis=1)
+    frame = bvh.make_frame(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
+    tree = bvh.build_tree(boxes, frame)
+    assert sorted(tree.items) == list(range(count))
+    inside = bvh.to_frame(frame, boxes).astype(np.float64)
+    assert (np.abs(inside) <= 1).all()
+    visited = _check_node(tree, inside, 0)
+    assert sorted(visited) == list(range(count))
+
+
+def _check_node(tree, inside, node):
+    """Return the items below a node, after checking that each child's box holds its items' boxes."""
+    found = []
+    references = tree.nodes[node].view(np.int32)[bvh.CHILD_COLUMN : bvh.CHILD_COLUMN + 4]
+    for slot in range(4):
+        box = tree.nodes[node][slot:24:4]
+        if np.isinf(box).any():
+            continue
+        if references[slot] >= 0:
+            items = _check_node(tree, inside, references[slot])
+        else:
+            first, size = divmod(~int(references[slot]), bvh.LEAF_STRIDE)
+            items = tree.items[first : first + size].tolist()
+            assert 0 < size <= bvh.LEAF_SIZE
+        assert (inside[items, :3] >= box[:3]).all()
+        assert (inside[items, 3:] <= box[3:]).all()
+        found.extend(items)
+    return found
+
+
+def test_instance_boxes_hold_rounded_world_corners(rng):
+    mesh = raytracer.Mesh(*make_icosphere(2))
+    matrices = random_matrices(rng, 20, offset=1e6)
+    scene = raytracer.Scene(meshes=[mesh], instances=raytracer.Instances(np.zeros(20, np.int32), matrices))
+    geometry = pack_geometry(scene)
+    boxes = instance_bounds(geometry, np.arange(20))
+    for instance in range(20):
+        corners = instance_corners(geometry, instance)
+        assert (corners >= boxes[instance, 0]).all()
+        assert (corners <= boxes[instance, 1]).all()
+
+
+def test_world_corners_equal_flattened_corners_bit_for_bit(rng):
+    mesh = raytracer.Mesh(*make_icosphere(1))
+    instances = raytracer.Instances(np.zeros(5, np.int32), random_matrices(rng, 5))
+    geometry = pack_geometry(raytracer.Scene(meshes=[mesh], instances=instances))
+    primitive = np.arange(len(mesh.triangles))
+    for instance in range(5):
+        corners = world_corners(geometry, np.full(len(primitive), instance), primitive)
+        np.testing.assert_array_equal(np.stack(corners, axis=1), instance_corners(geometry, instance))
+
+
+def test_shared_mesh_arrays_are_packed_once():
+    positions, triangles = make_grid(4)
+    first = raytracer.Mesh(positions, triangles)
+    second = raytracer.Mesh(first.positions, first.triangles, material=1)
+    materials = [raytracer.Material(), raytracer.Material()]
+    geometry = pack_geometry(raytracer.Scene(meshes=[first, second], materials=materials))
+    assert len(geometry.triangles) == len(triangles)
+    assert geometry.mesh_first.tolist() == [0, 0]
+
+
+def test_rows_never_lose_a_point_of_the_ray(rng):
+    """A point p = o + t d, in float64 as exact as it comes, lies within the row's slab interval of its own box."""
+    frame = bvh.make_frame(np.array([-1.0, -2.0, 5e5]), np.array([3.0, 2.0, 5e5 + 3]))
+    count = 2000
+    points = rng.uniform([-1, -2, 5e5], [3, 2, 5e5 + 3], size=(count, 3))
+    directions = rng.normal(size=(count, 3)) * 10.0 ** rng.integers(-20, 20, size=(count, 1))
+    t = 10.0 ** rng.uniform(-3, 6, size=count) / np.abs(directions).max(axis=1)
+    origins = points - t[:, None] * directions
+    rays = culling.prepare_rays(frame, origins, directions)
+    exact_points = origins.astype(np.longdouble) + t.astype(np.longdouble)[:, None] * directions.astype(np.longdouble)
+    boxes = np.stack([exact_points, exact_points], axis=1).astype(np.float64)
+    bounds = bvh.to_frame(frame, boxes)
+    low = (bounds[:, :3] - rays.rows[:, :3]) * rays.rows[:, 6:]
+    high = (bounds[:, 3:] - rays.rows[:, 3:6]) * rays.rows[:, 6:]
+    entry = np.minimum(low, high).max(axis=1)
+    leave = np.maximum(low, high).min(axis=1) * culling.SLACK
+    assert (entry <= leave).all()
+    assert (entry <= culling.to_row_distance(rays, np.arange(count), t)).all()
+    assert (leave >= culling.to_row_start(rays, t)).all()
+
+
+def test_unknown_precision_is_refused():
+    with pytest.raises(ValueError, match=r"precision: expected one of certified, float64, float32, got 'double'"):
+        raytracer.build(raytracer.Scene(), "double")
+
+
+def test_crossings_need_certified_precision():
+    with pytest.raises(ValueError, match="crossings: precision: expected 'certified'"):
+        raytracer.build(raytracer.Scene(), "float64").crossings([0, 0, 0], [0, 0, 1])
+
+
+def test_traversal_is_what_build_chooses_for_more_than_a_handful():
+    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(6))]))
+    assert isinstance(caster.offer, partial)
+    assert caster.offer.func is offer_traversed
