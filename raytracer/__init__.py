@@ -7,7 +7,9 @@ film = raytracer.render(scene, width, height, samples)
 """
 
 from raytracer.accelerate import Caster, build
+from raytracer.film import Film
 from raytracer.rays import Hits, Rays
+from raytracer.render import render
 from raytracer.scene import (
     AreaLight,
     Camera,
@@ -24,12 +26,15 @@ from raytracer.scene import (
     load,
     save,
 )
+from raytracer.settings import Settings
+from raytracer.workers import WorkerError, Workers
 
 __all__ = [
     "AreaLight",
     "Camera",
     "Caster",
     "Closure",
+    "Film",
     "Hits",
     "Instances",
     "Material",
@@ -37,11 +42,15 @@ __all__ = [
     "PointLight",
     "Rays",
     "Scene",
+    "Settings",
     "Spheres",
     "SpotLight",
     "SunLight",
+    "WorkerError",
+    "Workers",
     "World",
     "build",
     "load",
+    "render",
     "save",
 ]

@@ -1,0 +1,317 @@
+"""The render loop: passes over the picture, each one sample of every pixel, in blocks of pixels.
+
+Primary rays through the pixels' samples, what the integrator sees along them, and the film that adds it up. A value
+depends on pixel, sample number and seed alone, so the picture is the same bit for bit for any block size, border and
+number of workers. Imports everything below it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+
+from raytracer.accelerate import Caster, build
+from raytracer.camera import primary_rays
+from raytracer.film import Film, select_passes
+from raytracer.integrate import Integrator, prepare, trace
+from raytracer.pixel_filter import sample_pixel_filter
+from raytracer.rays import Booleans, Floats, Hits
+from raytracer.sampling import PixelSamples
+from raytracer.scene import Camera, Scene
+from raytracer.settings import WORD_LIMIT, Settings, check_integer
+from raytracer.workers import Workers
+
+# Seconds of work between two signs of progress. (`is_cancelled` is asked at every cast, far more often.)
+BLOCK_SECONDS = 0.5
+
+# Pixels; with fewer at a time NumPy's calls cost more than its arithmetic.
+SMALLEST_BLOCK = 4096
+
+# Dimension of the pixel filter's samples; the integrator counts its own from 0 upwards.
+FILTER_DIMENSION = WORD_LIMIT - 1
+
+PassCallback = Callable[[Film, int, int], None]
+
+
+def _never() -> bool:
+    return False
+
+
+def render(
+    scene: Scene,
+    width: int,
+    height: int,
+    samples: int = 64,
+    *,
+    caster: Caster | None = None,
+    workers: int | Workers = 1,
+    on_pass: PassCallback | None = None,
+    on_progress: Callable[[float], None] | None = None,
+    is_cancelled: Callable[[], bool] | None = None,
+    **settings: Any,
+) -> Film:
+    """Render `scene` through its camera.
+
+    Parameters
+    ----------
+    width, height : size of the full picture, pixels
+    samples : rays per pixel
+    caster : what `raytracer.build(scene)` returned, to save building it again
+    workers : number of processes, or Workers that are running already (they keep running)
+    on_pass : called with (film, done, total) after each pass over the picture; the film can be read meanwhile
+    on_progress : called with the finished share, 0 to 1, after each block of pixels
+    is_cancelled : asked several times a second; True ends the render with the film as it is
+    settings : the other fields of `Settings` by name
+
+    Returns
+    -------
+    Film, of the border's size where one is set; `film.cancelled` tells whether it was stopped
+
+    Raises
+    ------
+    ValueError
+        If the scene has no camera or a setting does not fit.
+    WorkerError
+        If a worker process died.
+    """
+    count = len(workers) if isinstance(workers, Workers) else workers
+    chosen = Settings(samples=samples, workers=count, **settings)
+    view = make_view(scene, width, height, chosen)
+    film = Film(view.width, view.height, chosen.passes)
+    plan = BlockPlan(view.width * view.height, count_passes(chosen), chosen.block_size)
+    started = time.perf_counter()
+    caster = caster or build(scene, chosen.precision)
+    film.statistics.build_seconds = time.perf_counter() - started
+    with ExitStack() as stack:
+        pool = workers if isinstance(workers, Workers) else None
+        if chosen.workers > 1 and not pool:
+            pool = stack.enter_context(Workers(chosen.workers))
+        results = trace_blocks(pool, (scene, caster, view, chosen), plan, is_cancelled or _never)
+        accumulate(film, plan, results, on_pass, on_progress)
+    film.cancelled = film.samples < plan.passes
+    return film
+
+
+def accumulate(
+    film: Film,
+    plan: BlockPlan,
+    results: Iterable[BlockResult],
+    on_pass: PassCallback | None,
+    on_progress: Callable[[float], None] | None,
+) -> None:
+    """Add results to the film as they come, and tell the callbacks."""
+    started = time.perf_counter()
+    for result in results:
+        plan.observe(result)
+        add_result(film, result)
+        film.statistics.trace_seconds = time.perf_counter() - started
+        if on_progress:
+            on_progress(plan.share_done(result.block))
+        if result.block.stop == plan.pixels:
+            film.samples += 1
+            if on_pass:
+                on_pass(film, film.samples, plan.passes)
+
+
+@dataclass(frozen=True)
+class View:
+    """The camera and the part of its picture that is rendered, pixels counted from the lower left corner.
+
+    full_width, full_height : size of the full picture
+    x_min, y_min, width, height : the part of it
+    """
+
+    camera: Camera
+    full_width: int
+    full_height: int
+    x_min: int
+    y_min: int
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class Block:
+    """One sample of a run of the view's pixels, counted along its rows."""
+
+    sample: int
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class BlockResult:
+    """What the rays of a block saw: (n, channels) float64 by pass, and what it took."""
+
+    block: Block
+    values: Mapping[str, Floats]
+    centre_values: Mapping[str, Floats] | None
+    rays: int
+    seconds: float
+
+
+def make_view(scene: Scene, width: int, height: int, settings: Settings) -> View:
+    """Return the View of `scene`, or raise ValueError if there is no camera or the border does not fit."""
+    width = check_integer(width, 1, None, "render: width")
+    height = check_integer(height, 1, None, "render: height")
+    if width * height > WORD_LIMIT:
+        raise ValueError(f"render: expected a picture of at most 2^32 pixels, got {width} x {height}")
+    if scene.camera is None:
+        raise ValueError("Scene: camera: expected a Camera to render through, got None")
+    x_min, y_min, x_max, y_max = settings.border or (0, 0, width, height)
+    if x_max > width or y_max > height:
+        raise ValueError(
+            f"Settings: border: expected x_max <= {width} and y_max <= {height}, the picture's size, "
+            f"got {settings.border}"
+        )
+    return View(scene.camera, width, height, x_min, y_min, x_max - x_min, y_max - y_min)
+
+
+def count_passes(settings: Settings) -> int:
+    """Return the number of passes over the picture: one will do if nothing but pixel centres is asked for."""
+    return settings.samples if select_passes(settings.passes, from_centre=False) else 1
+
+
+class BlockPlan:
+    """Cuts the passes into blocks of about BLOCK_SECONDS, learning from those that are done."""
+
+    def __init__(self, pixels: int, passes: int, largest: int) -> None:
+        self.pixels = pixels
+        self.passes = passes
+        self._largest = min(largest, pixels)
+        self._size = min(self._largest, SMALLEST_BLOCK)
+
+    def __iter__(self) -> Iterator[Block]:
+        for sample in range(self.passes):
+            start = 0
+            while start < self.pixels:
+                stop = min(start + self._size, self.pixels)
+                yield Block(sample, start, stop)
+                start = stop
+
+    def observe(self, result: BlockResult) -> None:
+        """Set the size of the next blocks by how long this one took; at most twice its size."""
+        size = result.block.stop - result.block.start
+        if size < self._size // 2:
+            return  # the short rest of a pass says little about the others
+        size = int(size * BLOCK_SECONDS / max(result.seconds, BLOCK_SECONDS / 2))
+        self._size = min(max(size, SMALLEST_BLOCK), self._largest)
+
+    def share_done(self, block: Block) -> float:
+        """Return the share of all work that is done with this block."""
+        return (block.sample * self.pixels + block.stop) / (self.passes * self.pixels)
+
+
+def trace_blocks(
+    pool: Workers | None,
+    tracer_arguments: tuple[Scene, Caster, View, Settings],
+    blocks: Iterable[Block],
+    is_cancelled: Callable[[], bool],
+) -> Iterator[BlockResult]:
+    """Yield the results of `blocks` in order, until `is_cancelled()`."""
+    if pool:
+        pool.load(BlockTracer, *tracer_arguments)
+        yield from pool.run(blocks, is_cancelled)
+        return
+    tracer = BlockTracer(*tracer_arguments, is_cancelled)
+    for block in blocks:
+        try:
+            result = tracer(block)
+        except CancelledError:
+            return
+        yield result
+
+
+class BlockTracer:
+    """Traces blocks; each worker makes one."""
+
+    def __init__(
+        self, scene: Scene, caster: Caster, view: View, settings: Settings, is_cancelled: Callable[[], bool] = _never
+    ) -> None:
+        self._view = view
+        self._settings = settings
+        self._caster = WatchedCaster(caster, is_cancelled)
+        self._integrator = self._prepare(scene, from_centre=False)
+        self._centre_integrator = self._prepare(scene, from_centre=True)
+
+    def _prepare(self, scene: Scene, from_centre: bool) -> Integrator | None:
+        """Return an integrator for the passes of one kind, or None where there are none of it."""
+        names = select_passes(self._settings.passes, from_centre)
+        settings = replace(self._settings, passes=names) if names else None
+        return prepare(scene, cast(Caster, self._caster), settings) if settings else None
+
+    def __call__(self, block: Block) -> BlockResult:
+        """Trace one block; raises CancelledError if the user did so meanwhile."""
+        started, rays_before = time.perf_counter(), self._caster.rays
+        samples, column, row = locate_pixels(self._view, block, self._settings.seed)
+        values: Mapping[str, Floats] = {}
+        centre_values = None
+        if self._integrator:
+            pair = samples.uniform_pair(FILTER_DIMENSION)
+            offset = sample_pixel_filter(pair, self._settings.pixel_filter, cast(float, self._settings.filter_width))
+            values = self._trace(self._integrator, column + offset[:, 0], row + offset[:, 1], samples)
+        if self._centre_integrator and block.sample == 0:
+            centre_values = self._trace(self._centre_integrator, column, row, samples)
+        rays, seconds = self._caster.rays - rays_before, time.perf_counter() - started
+        return BlockResult(block, values, centre_values, rays, seconds)
+
+    def _trace(self, integrator: Integrator, x: Floats, y: Floats, samples: PixelSamples) -> Mapping[str, Floats]:
+        rays = primary_rays(self._view.camera, self._view.full_width, self._view.full_height, x, y)
+        return trace(integrator, rays, samples)
+
+
+class CancelledError(Exception):
+    """The user stopped the render in the middle of a block."""
+
+
+class WatchedCaster:
+    """A caster that counts the rays it is asked for, and raises CancelledError once `is_cancelled()`."""
+
+    def __init__(self, caster: Caster, is_cancelled: Callable[[], bool]) -> None:
+        self._caster = caster
+        self._is_cancelled = is_cancelled
+        self.rays = 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._caster, name)
+
+    def closest_hit(self, *arguments: Any, **keywords: Any) -> Hits:
+        """Watch and pass on."""
+        return self._watch(self._caster.closest_hit, arguments, keywords)
+
+    def any_hit(self, *arguments: Any, **keywords: Any) -> Booleans:
+        """Watch and pass on."""
+        return self._watch(self._caster.any_hit, arguments, keywords)
+
+    def _watch(self, method: Callable[..., Any], arguments: Any, keywords: Any) -> Any:
+        if self._is_cancelled():
+            raise CancelledError
+        found = method(*arguments, **keywords)
+        self.rays += len(found)
+        return found
+
+
+def locate_pixels(view: View, block: Block, seed: int) -> tuple[PixelSamples, Floats, Floats]:
+    """Return the samples of a block's pixels, and the centres (x, y) of those pixels in the full picture.
+
+    Pixels are numbered within the full picture, so that a border changes none of them.
+    """
+    row, column = np.divmod(np.arange(block.start, block.stop, dtype=np.int64), view.width)
+    row += view.y_min
+    column += view.x_min
+    pixel = (row * view.full_width + column).astype(np.uint32)
+    return PixelSamples(pixel, block.sample, seed), column + 0.5, row + 0.5
+
+
+def add_result(film: Film, result: BlockResult) -> None:
+    """Add what a block saw to the film."""
+    pixels = slice(result.block.start, result.block.stop)
+    film.add(pixels, result.values)
+    if result.centre_values:
+        film.set_centre(pixels, result.centre_values)
+    film.statistics.rays += result.rays
