@@ -4,8 +4,8 @@
     python -m blend_scenes.make_all glass lights            two of them
     python -m blend_scenes.make_all --gallery [glass ...]   the pictures, by this project's engine
 
-A picture is rendered at the file's own size through the command line, as a user would, then scaled down and written
-with a palette of 256 colours: small enough for a repository. That needs Pillow.
+A picture is rendered through the command line, as a user would, and then written with a palette of 256 colours: small
+enough for a repository. That needs Pillow.
 """
 
 from __future__ import annotations
@@ -18,12 +18,14 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import bpy
+
 from blend_scenes import building
 
 SCENES = building.SCENES
 GALLERY = SCENES / "gallery"
 GALLERY_WIDTH = 480
-GALLERY_SAMPLES = 64
+GALLERY_SAMPLES = 32
 
 
 def list_scenes() -> list[str]:
@@ -37,6 +39,13 @@ def build_scene(name: str) -> None:
     importlib.import_module(f"blend_scenes.make_{name}").build()
 
 
+def gallery_size(name: str) -> str:
+    """Return the size of the gallery's picture of the stored scene `name`, as the command line takes it: WxH."""
+    bpy.ops.wm.open_mainfile(filepath=str(SCENES / f"{name}.blend"))
+    size = bpy.context.scene.render
+    return f"{GALLERY_WIDTH}x{round(size.resolution_y * GALLERY_WIDTH / size.resolution_x)}"
+
+
 def render_picture(name: str) -> Path:
     """Render the stored scene `name` by the command line and return the gallery's picture of it."""
     from PIL import Image
@@ -44,13 +53,12 @@ def render_picture(name: str) -> Path:
     picture = GALLERY / f"{name}.png"
     with tempfile.TemporaryDirectory(prefix="gallery-") as folder:
         full = Path(folder) / picture.name
-        command = ["render", str(SCENES / f"{name}.blend"), "-o", str(full), "--samples", str(GALLERY_SAMPLES)]
-        subprocess.run([sys.executable, "-m", "addon", *command], check=True, cwd=SCENES.parent)
+        options = ["-o", str(full), "--samples", str(GALLERY_SAMPLES), "--size", gallery_size(name)]
+        command = [sys.executable, "-m", "addon", "render", str(SCENES / f"{name}.blend"), *options]
+        subprocess.run(command, check=True, cwd=SCENES.parent)
+        GALLERY.mkdir(exist_ok=True)
         with Image.open(full) as image:
-            size = (GALLERY_WIDTH, round(image.height * GALLERY_WIDTH / image.width))
-            small = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
-    GALLERY.mkdir(exist_ok=True)
-    small.quantize(256, method=Image.Quantize.MEDIANCUT).save(picture, optimize=True)
+            image.convert("RGB").quantize(256, method=Image.Quantize.MEDIANCUT).save(picture, optimize=True)
     return picture
 
 
