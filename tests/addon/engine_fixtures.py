@@ -49,6 +49,34 @@ def add_plane(
     return plane
 
 
+def save_plane(path: Path) -> Path:
+    """Save a file in which a plane of radiance (0.75, 0.125, 0) fills the camera; at frame 2 it is hidden."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    scene = bpy.context.scene
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.location = (0.0, 0.0, 10.0)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    plane = add_plane(scene.collection, "Plane", (0.75, 0.125, 0.0), (-99.0, 99.0), (-99.0, 99.0))
+    for frame, hidden in ((1, False), (2, True)):
+        plane.hide_render = hidden
+        plane.keyframe_insert("hide_render", frame=frame)
+    scene.frame_set(1)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
+    return path
+
+
+def read_image(path: Path) -> np.ndarray:
+    """Return an image's pixels as stored, (h, w, 4)."""
+    image = bpy.data.images.load(str(path))
+    image.colorspace_settings.name = "Non-Color"
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    width, height = image.size
+    bpy.data.images.remove(image)
+    return pixels.reshape(height, width, 4)
+
+
 def make_emission(name: str, color: tuple[float, float, float]) -> Any:
     """Return a material that only emits."""
     material = bpy.data.materials.new(name)

@@ -15,7 +15,8 @@ import pytest
 
 from addon.command_line import build_parser
 from addon.render_command import JSON_KEYS, number_path, parse_frames, parse_size
-from tests.addon.engine_fixtures import HEIGHT, WIDTH, add_plane
+from addon.versions import blender_pass_name
+from tests.addon.engine_fixtures import HEIGHT, WIDTH, read_image, save_plane
 
 ROOT = Path(__file__).parents[2]
 
@@ -29,31 +30,7 @@ def run_command(*arguments: object) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def blend(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a .blend: a plane of radiance (0.75, 0.125, 0) fills the camera, at frame 2 it is hidden."""
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    scene = bpy.context.scene
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    camera.location = (0.0, 0.0, 10.0)
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    plane = add_plane(scene.collection, "Plane", (0.75, 0.125, 0.0), (-99.0, 99.0), (-99.0, 99.0))
-    for frame, hidden in ((1, False), (2, True)):
-        plane.hide_render = hidden
-        plane.keyframe_insert("hide_render", frame=frame)
-    scene.frame_set(1)
-    path = tmp_path_factory.mktemp("blend") / "plane.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
-    return path
-
-
-def read_image(path: Path) -> np.ndarray:
-    """Return an image's pixels as stored, (h, w, 4)."""
-    image = bpy.data.images.load(str(path))
-    image.colorspace_settings.name = "Non-Color"
-    pixels = np.empty(len(image.pixels), np.float32)
-    image.pixels.foreach_get(pixels)
-    width, height = image.size
-    bpy.data.images.remove(image)
-    return pixels.reshape(height, width, 4)
+    return save_plane(tmp_path_factory.mktemp("blend") / "plane.blend")
 
 
 def test_render_writes_linear_exr_and_prints_json_alone(blend: Path, tmp_path: Path) -> None:
@@ -92,6 +69,9 @@ def test_frames_write_a_file_each_with_the_passes_asked_for(blend: Path, tmp_pat
     assert [line["triangles"] for line in lines] == [2, 0]
     assert lines[0]["passes"] == ["Combined", "Depth", "Object Index"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["f01.exr", "f02.exr"]
+    header = (tmp_path / "f01.exr").read_bytes()[:4096]
+    assert b"ViewLayer.Depth" in header
+    assert blender_pass_name("Object Index").encode() in header
 
 
 USER_ERRORS: tuple[tuple[Any, str], ...] = (
@@ -171,12 +151,3 @@ def test_frames_and_sizes_are_parsed() -> None:
 )
 def test_frame_number_takes_the_place_of_the_last_hashes(name: str, frame: int, expected: str) -> None:
     assert number_path(Path(name), frame).name == expected
-
-
-def test_multilayer_file_holds_the_passes(blend: Path, tmp_path: Path) -> None:
-    out = tmp_path / "a.exr"
-    done = run_command("render", blend, "-o", out, "--size", "8x8", "--samples", 1, "--workers", 1, "--passes", "Depth")
-    assert done.returncode == 0, done.stderr
-    image = bpy.data.images.load(str(out))
-    assert image.type == "MULTILAYER"
-    bpy.data.images.remove(image)
