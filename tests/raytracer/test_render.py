@@ -114,7 +114,8 @@ def test_rays_fill_the_pixel_filter(recorder, fields, reach):
     # Positions are differences of numbers up to 8.
     assert np.abs(offsets).max() <= reach + 16 * np.finfo(np.float64).eps
     assert (np.abs(offsets).max(axis=0) > 0.8 * reach).all()
-    # Half the size of the largest is five standard deviations of the mean: uniform 1/sqrt(3), Blackman-Harris less.
+    assert abs(np.corrcoef(offsets.T)[0, 1]) < 5 / np.sqrt(len(offsets))
+    # Five standard deviations of the mean, at most those of the uniform distribution, reach / sqrt(3) a sample.
     assert np.abs(offsets.mean(axis=0)).max() < 5 * reach / np.sqrt(3 * len(offsets))
 
 
