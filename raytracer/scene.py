@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -432,23 +433,22 @@ RECORDS = {
 def save(scene: Scene, path: str | Path) -> None:
     """Write `scene` as one .npz: a JSON outline plus the arrays it refers to; nothing is pickled.
 
-    Arrays shared between records (instances' copies of one mesh) are written once.
+    Arrays that records share in memory are written once.
     """
     arrays: dict[str, NDArray[Any]] = {}
-    keys: dict[int, str] = {}
+    keys: dict[tuple[int, tuple[int, ...], str], str] = {}
 
     def outline(value: Any) -> Any:
         if dataclasses.is_dataclass(value):
             fields = {item.name: outline(getattr(value, item.name)) for item in dataclasses.fields(value)}
             return {"record": type(value).__name__, "fields": fields}
         if isinstance(value, np.ndarray):
-            if id(value) not in keys:
-                keys[id(value)] = f"array_{len(keys)}"
-                arrays[keys[id(value)]] = value
-            return {"array": keys[id(value)]}
+            memory = (value.__array_interface__["data"][0], value.shape, value.dtype.str)
+            arrays[keys.setdefault(memory, f"array_{len(keys)}")] = value
+            return {"array": keys[memory]}
         if isinstance(value, tuple):
             return [outline(item) for item in value]
-        return value
+        return value.item() if isinstance(value, np.generic) else value
 
     text = json.dumps({"format": FILE_FORMAT, "scene": outline(scene)})
     with open(path, "wb") as file:
@@ -464,23 +464,25 @@ def load(path: str | Path) -> Scene:
         If the file is not such a scene, naming the file.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         content = json.loads(str(arrays.pop("outline")))
         if content["format"] != FILE_FORMAT:
-            raise KeyError(content["format"])
-    except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+            raise ValueError(f"format {content['format']}")
+        scene = _restore(content["scene"], arrays)
+        if not isinstance(scene, Scene):
+            raise ValueError(f"a {type(scene).__name__}")
+    except (KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(f"{path}: expected a scene written by raytracer.save ({FILE_FORMAT}), got {error}") from None
-
-    def restore(value: Any) -> Any:
-        if isinstance(value, list):
-            return tuple(restore(item) for item in value)
-        if isinstance(value, dict) and "array" in value:
-            return arrays[value["array"]]
-        if isinstance(value, dict):
-            return RECORDS[value["record"]](**{name: restore(item) for name, item in value["fields"].items()})
-        return value
-
-    scene = restore(content["scene"])
-    assert isinstance(scene, Scene)
     return scene
+
+
+def _restore(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
+    """Rebuild a record, sequence, array or plain value from its outline."""
+    if isinstance(value, list):
+        return tuple(_restore(item, arrays) for item in value)
+    if isinstance(value, dict) and "array" in value:
+        return arrays[value["array"]]
+    if isinstance(value, dict):
+        return RECORDS[value["record"]](**{name: _restore(item, arrays) for name, item in value["fields"].items()})
+    return value
