@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer import exact, predicates
+from raytracer import exact
 from raytracer.accelerate.geometry import Geometry, instance_corners, world_corners
 
 Floats = NDArray[np.float64]
@@ -19,7 +19,10 @@ Primitive = tuple[int, int]  # (instance, triangle)
 # Consecutive triangles of a mesh, mostly neighbours, that share one box.
 BLOCK = 128
 # A slab test in float64 rounds a handful of times; boxes grow by far more than that, relative to their coordinates.
-BOX_MARGIN = predicates.gamma(1024)
+UNIT = 2.0**-53
+BOX_MARGIN = 1024 * UNIT
+# An edge function below this may have lost terms to underflow.
+UNDERFLOW = 2.0**-900
 
 
 class Judge:
@@ -72,13 +75,20 @@ def reach_boxes(lower: Floats, upper: Floats, origin: Floats, direction: Floats)
 
 
 def find_possible(corners: Floats, origin: Floats, direction: Floats) -> Indices:
-    """Return the triangles (t, 3, 3) that the line may hit: no two edge functions certainly differ in sign."""
-    heading = np.broadcast_to(direction[:, None], (3, len(corners)))
-    a, b, c = (np.ascontiguousarray((corners[:, corner] - origin).T) for corner in range(3))
-    edges = np.stack(predicates.edge_functions(heading, a, b, c))
-    errors = np.stack([predicates.edge_error(heading, *pair) for pair in ((b, c), (c, a), (a, b))])
-    missed = (edges > errors).any(axis=0) & (edges < -errors).any(axis=0)
-    return np.flatnonzero(~missed)
+    """Return the triangles (t, 3, 3) that the line may hit: no two edge functions certainly differ in sign.
+
+    The edge function of corners p and q relative to the origin is E = d . (p x q); each of its terms carries less than
+    8 roundings, so it is off by less than 16 u times the sum of its terms' absolute values.
+    """
+    relative = corners - origin
+    signs = []
+    for one, other in ((1, 2), (2, 0), (0, 1)):
+        p, q = relative[:, one], relative[:, other]
+        edge = np.cross(p, q) @ direction
+        shifted = (np.roll(np.abs(p), -k, axis=1) * np.roll(np.abs(q), -j, axis=1) for k, j in ((1, 2), (2, 1)))
+        error = 16 * UNIT * (sum(shifted) @ np.abs(direction)) + UNDERFLOW
+        signs.append(np.where(np.abs(edge) > error, np.sign(edge), 0))
+    return np.flatnonzero(~((np.max(signs, axis=0) > 0) & (np.min(signs, axis=0) < 0)))
 
 
 def find_first_exactly(corners: Floats, origin: Floats, direction: Floats) -> Indices:
