@@ -4,22 +4,32 @@ With the triangle's corners relative to the ray origin, P = a - o, Q = b - o, R 
 system ("Barycentric ray-triangle intersection") solved by Cramer's rule, its determinants arranged so that triangles
 that share an edge share a number:
 
-    edge functions   E_a = d . (Q x R),  E_b = d . (R x P),  E_c = d . (P x Q)
+    edge functions   E(p, q) = d . (p x q),   E_a = E(Q, R),  E_b = E(R, P),  E_c = E(P, Q)
     normal           N = (b - a) x (c - a),   D = d . N = E_a + E_b + E_c,   T = (a - o) . N
     intersection     t = T / D,   barycentric weights (E_a, E_b, E_c) / D
 
-The ray's line meets the closed triangle iff D != 0 and no two edge functions have opposite signs. The formula of E is
-written in products and differences of components, so E(p, q) = -E(q, p) bit for bit: a ray cannot slip between two
-triangles.
+The ray's line meets the closed triangle iff D != 0 and no two edge functions have opposite signs.
 
-Error bounds (u = 2^-53, gamma(n) = n u / (1 - n u), Higham, *Accuracy and Stability of Numerical Algorithms*, 2002,
-section 3.1). A term d_k P_i Q_j of E carries 2 rounded differences, 2 products and at most 1 + 2 sums, 7 roundings;
-a term of D carries the same 7, one of T 8. So |computed - exact| <= gamma(7) perm for E and D, gamma(8) perm for T,
-where perm is the same expression with every term's absolute value. The computed perm is itself low by at most
-gamma(8), which the next integer absorbs: 8 u perm and 9 u perm.
+Edge functions are evaluated after a shear that turns the ray into the z axis (S. Woop, C. Benthin and I. Wald,
+"Watertight ray/triangle intersection", 2013): with z the direction's largest axis, s = d_x / d_z, r = d_y / d_z,
 
-Underflow adds at most a few times 2^-1074 to a term and is caught by `SMALLEST_PERMANENT`; overflow shows as infinity
-or NaN, and a comparison with NaN is never certain. What is not certain here goes to `exact.py`.
+    p' = (p_x - s p_z, p_y - r p_z),   E(p, q) = d_z (p'_x q'_y - p'_y q'_x)
+
+Each corner is projected once, whatever triangle it belongs to, and E(p, q) = -E(q, p) bit for bit, so even a ray aimed
+at a vertex slips through plain float64 only if products of the projected numbers tie. (Taken as d . (p x q) directly,
+2% of rays aimed at vertices slipped through: around a vertex all signs are rounding noise.)
+
+Error bounds, u = 2^-53, gamma(n) = n u / (1 - n u) (Higham, *Accuracy and Stability of Numerical Algorithms*, 2002,
+section 3.1); a "permanent" is an expression with every term's absolute value:
+
+    p'_x    2 roundings on p_x, 4 on s p_z:                error <= gamma(4) m,  m = |p_x| + |s p_z|
+    E/d_z   two projections, a product, a difference:      error <= gamma(10) perm,  a computed perm is low by gamma(6)
+    D       difference 1, product 2 more, difference, product, two sums:             error <= gamma(7) perm
+    T       the same and the difference a - o:                                       error <= gamma(8) perm
+
+The bounds use the next larger round numbers. Underflow is covered by absolute terms or by refusing small permanents;
+overflow shows as infinity or NaN, and a comparison with NaN is never certain. What is not certain here is looked at
+again in `refine`, and then in `exact`.
 
 Vectors are planes: (3, n) arrays, one contiguous row per component. Imports nothing of the project.
 """
@@ -36,8 +46,13 @@ Booleans = NDArray[np.bool_]
 
 UNIT_ROUNDOFF = 2.0**-53
 
-EDGE_BOUND = 8 * UNIT_ROUNDOFF
+EDGE_BOUND = 16 * UNIT_ROUNDOFF
+DENOMINATOR_BOUND = 8 * UNIT_ROUNDOFF
 NUMERATOR_BOUND = 9 * UNIT_ROUNDOFF
+
+# What underflow can add: an operation is off by at most 2^-1075, and is then multiplied by at most one number of size
+# m or kept; the factor 2^5 counts the operations.
+UNDERFLOW = 2.0**-1070
 
 # A permanent below this may have lost terms to underflow (smallest normal 2^-1022, three factors, margin 2^60 / u).
 SMALLEST_PERMANENT = 2.0**-900
@@ -67,34 +82,39 @@ def cross_permanent(p: Floats, q: Floats) -> Floats:
     return np.stack([p[1] * q[2] + p[2] * q[1], p[2] * q[0] + p[0] * q[2], p[0] * q[1] + p[1] * q[0]])
 
 
-def edge_function(direction: Floats, p: Floats, q: Floats) -> Floats:
-    """E(p, q) = d . (p x q): six times the signed volume of the tetrahedron o, o + d, o + p, o + q.
+def shear(relative: Floats, slope: Floats) -> Floats:
+    """Project corners relative to the origin, (3, n) with z the main axis, along rays of slopes (2, n): (2, n)."""
+    projected = slope * relative[2]
+    return np.subtract(relative[:2], projected, out=projected)
 
-    Positive where the ray passes the directed edge p -> q on its left (seen against the direction). Planes (3, n).
+
+def edge_function(p: Floats, q: Floats) -> Floats:
+    """E(p, q) / d_z = p_x q_y - p_y q_x of sheared corners (2, n).
+
+    Twice the signed area of the projected triangle o p q: positive where the ray passes the edge p -> q on its left.
     """
-    return dot(direction, cross(p, q))
+    return np.subtract(p[0] * q[1], p[1] * q[0])
 
 
-def edge_functions(direction: Floats, p: Floats, q: Floats, r: Floats) -> tuple[Floats, Floats, Floats]:
-    """E_a, E_b, E_c of the corners relative to the origin; the weight of a corner is its E over their sum."""
-    return edge_function(direction, q, r), edge_function(direction, r, p), edge_function(direction, p, q)
+def edge_functions(p: Floats, q: Floats, r: Floats) -> tuple[Floats, Floats, Floats]:
+    """E_a, E_b, E_c of the sheared corners a, b, c; a corner's weight is its E over their sum."""
+    return edge_function(q, r), edge_function(r, p), edge_function(p, q)
 
 
-def edge_error(direction: Floats, p: Floats, q: Floats) -> Floats:
-    """Bound on |computed - exact| of `edge_function`; infinite where underflow could invalidate it."""
-    permanent = dot(np.abs(direction), cross_permanent(np.abs(p), np.abs(q)))
-    return np.where(permanent > SMALLEST_PERMANENT, EDGE_BOUND * permanent, np.inf)
+def edge_error(p: Floats, q: Floats, slope: Floats) -> Floats:
+    """Bound on |computed - exact| of `edge_function` for corners relative to the origin, (3, n) planes, and slopes."""
+    steep = np.abs(slope)
+    m, k = np.abs(p[:2]) + steep * np.abs(p[2]), np.abs(q[:2]) + steep * np.abs(q[2])
+    return EDGE_BOUND * (m[0] * k[1] + m[1] * k[0]) + UNDERFLOW * (1 + m[0] + m[1] + k[0] + k[1])
 
 
-def edge_error_of_ray(direction: Floats, reach: Floats) -> Floats:
-    """One bound for all triangles whose corners are within `reach` of the origin in every component.
+def edge_error_of_ray(slope: Floats, reach: Floats) -> Floats:
+    """One bound for all triangles whose corners are within `reach` of the origin in every component, (n,).
 
-    perm = sum |d_k| (|P_i Q_j| + |P_j Q_i|) <= 2 (|d_0| + |d_1| + |d_2|) reach^2; the extra roundings of this formula
-    are absorbed by one more unit in the bound. (n,).
+    m <= (1 + |slope|) reach in `edge_error`, slopes at most 1.
     """
-    size = np.abs(direction).sum(axis=0)
-    permanent = 2 * size * reach * reach
-    return np.where(permanent > SMALLEST_PERMANENT, (EDGE_BOUND + UNIT_ROUNDOFF) * permanent, np.inf)
+    steep = 1 + np.abs(slope)
+    return EDGE_BOUND * (1 + 4 * UNIT_ROUNDOFF) * 2 * steep[0] * steep[1] * reach * reach + UNDERFLOW * (1 + 8 * reach)
 
 
 class PlaneHit(NamedTuple):
@@ -119,7 +139,7 @@ def intersect_plane_certified(direction: Floats, relative: Floats, side_b: Float
     denominator_permanent = dot(np.abs(direction), normal_permanent)
     numerator_permanent = dot(np.abs(relative), normal_permanent)
     safe = denominator_permanent > SMALLEST_PERMANENT
-    denominator_error = np.where(safe, EDGE_BOUND * denominator_permanent, np.inf)
+    denominator_error = np.where(safe, DENOMINATOR_BOUND * denominator_permanent, np.inf)
     # A numerator that underflows to nothing belongs to t = 0 within SMALLEST_PERMANENT / |D|, which is added.
     numerator_error = NUMERATOR_BOUND * numerator_permanent + SMALLEST_PERMANENT
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

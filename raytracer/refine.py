@@ -1,7 +1,8 @@
-"""The distance of a decided hit to within about half a unit in the last place, with its certified bound.
+"""Second opinions in pairs of float64 (`double_double`), where a plain float64 does not suffice.
 
-The hit is known; only t = T / D of the triangle (`predicates`), or the root of the sphere's quadratic, is evaluated
-again, in pairs of float64 (`double_double`), once per ray. Imports `predicates` and `double_double`.
+The sign of an edge function that float64 left in doubt, and the distance of a decided hit to within about half a unit
+in the last place, with its certified bound. What is still in doubt here goes to `exact`.
+Imports `predicates` and `double_double`.
 
 Vectors are planes: (3, n) arrays.
 """
@@ -17,7 +18,8 @@ from raytracer.predicates import UNIT_ROUNDOFF
 
 Floats = NDArray[np.float64]
 
-# A term of T: difference exact, product 8, difference 4, product 8, two sums 4 each, in units of u^2; D has the same.
+# A term of T: difference exact, product 8, difference 4, product 8, two sums 4 each, in units of u^2; D and E have the
+# same.
 _DETERMINANT_BOUND = 32 * 2.0**-106
 # Half an ulp of t is at most u |t|; the two roundings of the correction are added in `_finish`.
 _HALF_ULP = UNIT_ROUNDOFF
@@ -32,6 +34,15 @@ def _in_range(permanent: Floats, *vectors: Floats) -> NDArray[np.bool_]:
 def _half_ulp(t: Floats) -> Floats:
     """Half the spacing of floats at t: exactly 2^(e - 53) for 2^(e - 1) <= |t| < 2^e."""
     return np.ldexp(1.0, np.frexp(t)[1] - 54)
+
+
+def edge_sign(origin: Floats, direction: Floats, p: Floats, q: Floats) -> NDArray[np.int8]:
+    """Sign of E(p, q) = d . ((p - o) x (q - o)) of corners p and q, 0 where it remains in doubt, (n,)."""
+    edge = dd.dot(dd.exact(direction), dd.cross(dd.two_difference(p, origin), dd.two_difference(q, origin)))[0]
+    sizes = predicates.cross_permanent(np.abs(p - origin), np.abs(q - origin))
+    permanent = predicates.dot(np.abs(direction), sizes)
+    certain = (np.abs(edge) > _DETERMINANT_BOUND * permanent) & _in_range(permanent, origin, direction, p, q)
+    return np.where(certain, np.sign(edge), 0).astype(np.int8)
 
 
 def triangle_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -70,10 +70,14 @@ class Caster:
         (instance, primitive) is returned. A triangle without area, or seen exactly edge-on, is never hit.
         """
         rays = make_rays(origins, directions, t_min, t_max)
-        batches = [self._search(batch, any_hit=False).closest() if len(batch) else _misses(0) for batch in _split(rays)]
-        found = _join(batches)
-        valid = rays.valid()
-        return found if valid.all() else _spread(found, valid)
+        hits = _misses(rays)
+        for index, axis in _batches(rays, hits.valid):
+            search = Search(self.primitives, rays.select(index), axis, any_hit=False)
+            self.offer(search)
+            found = search.closest()
+            for name in Hits.__slots__:
+                getattr(hits, name)[index] = getattr(found, name)
+        return hits
 
     def any_hit(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
@@ -81,10 +85,10 @@ class Caster:
         """Return (n,) bool: does anything lie on the ray with t_min <= t <= t_max? Parameters as `closest_hit`."""
         rays = make_rays(origins, directions, t_min, t_max)
         found = np.zeros(len(rays), dtype=bool)
-        if len(rays):
-            found[rays.valid()] = np.concatenate(
-                [self._search(batch, any_hit=True).found_any() for batch in _split(rays)]
-            )
+        for index, axis in _batches(rays, rays.valid()):
+            search = Search(self.primitives, rays.select(index), axis, any_hit=True)
+            self.offer(search)
+            found[index] = search.found_any()
         return found
 
     def crossings(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.int32]:
@@ -102,18 +106,11 @@ class Caster:
             raise ValueError(f"crossings: precision: expected 'certified', got {self.primitives.precision!r}")
         rays = make_rays(origins, directions)
         count = np.zeros(len(rays), np.int32)
-        found = []
-        for batch in _split(rays):
-            search = CrossingSearch(self.primitives, batch)
+        for index, axis in _batches(rays, rays.valid()):
+            search = CrossingSearch(self.primitives, rays.select(index), axis)
             self.offer(search)
-            found.append(search.counts())
-        count[rays.valid()] = np.concatenate(found)
+            count[index] = search.counts()
         return count
-
-    def _search(self, rays: Rays, any_hit: bool) -> Search:
-        search = Search(self.primitives, rays, any_hit)
-        self.offer(search)
-        return search
 
 
 def build(scene: Scene, precision: str = "certified") -> Caster:
@@ -134,35 +131,23 @@ def build(scene: Scene, precision: str = "certified") -> Caster:
     return Caster(scene, primitives, partial(offer_traversed, build_hierarchy(primitives)))
 
 
-def _split(rays: Rays) -> list[Rays]:
-    """The valid rays, in batches."""
-    index = np.flatnonzero(rays.valid())
-    return [
-        Rays(rays.origins[part], rays.directions[part], rays.t_min[part], rays.t_max[part])
-        for part in (index[start : start + BATCH_RAYS] for start in range(0, max(len(index), 1), BATCH_RAYS))
-    ]
+def _batches(rays: Rays, valid: Booleans) -> Iterator[tuple[NDArray[np.intp], int]]:
+    """Yield the valid rays in batches (index, main axis) of rays whose directions are largest along one axis."""
+    size = np.abs(rays.directions).T
+    axis = np.where(size[2] >= np.maximum(size[0], size[1]), 2, np.where(size[1] >= size[0], 1, 0))
+    for main in range(3):
+        index = np.flatnonzero(valid & (axis == main))
+        for start in range(0, len(index), BATCH_RAYS):
+            yield index[start : start + BATCH_RAYS], main
 
 
-def _misses(count: int) -> Hits:
+def _misses(rays: Rays) -> Hits:
+    count = len(rays)
     return Hits(
         distance=np.full(count, np.inf),
         distance_error=np.zeros(count),
         instance=np.full(count, -1, np.int32),
         primitive=np.full(count, -1, np.int32),
         barycentric=np.zeros((count, 2)),
-        valid=np.zeros(count, dtype=bool),
+        valid=rays.valid(),
     )
-
-
-def _join(batches: list[Hits]) -> Hits:
-    if len(batches) == 1:
-        return batches[0]
-    return Hits(*(np.concatenate([getattr(hits, name) for hits in batches]) for name in Hits.__slots__))
-
-
-def _spread(found: Hits, valid: Booleans) -> Hits:
-    """Put the hits of the valid rays in their places among invalid ones."""
-    hits = _misses(len(valid))
-    for name in Hits.__slots__:
-        getattr(hits, name)[valid] = getattr(found, name)
-    return hits

@@ -21,8 +21,8 @@ from raytracer.rays import Booleans, Floats, Rays
 class CrossingSearch(Search):
     """Counts the triangles that rays cross; spheres do not count."""
 
-    def __init__(self, primitives: Primitives, rays: Rays) -> None:
-        super().__init__(primitives, rays, any_hit=False)
+    def __init__(self, primitives: Primitives, rays: Rays, axis: int) -> None:
+        super().__init__(primitives, rays, axis, any_hit=False)
         self.count = np.zeros(len(rays), np.int32)
 
     def offer(self, ray: Indices, primitive_id: Ids) -> Indices:

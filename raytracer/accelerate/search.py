@@ -49,18 +49,22 @@ class Candidates(NamedTuple):
 
 
 class Search:
-    """The state of a batch of n valid rays.
+    """The state of a batch of n valid rays whose directions are all largest along `axis`.
 
     best : (n,) float64; nothing farther than this can be the answer. Starts at t_max; -inf once an any-hit ray is
         decided. Traversal culls with it.
     """
 
-    def __init__(self, primitives: Primitives, rays: Rays, any_hit: bool) -> None:
+    def __init__(self, primitives: Primitives, rays: Rays, axis: int, any_hit: bool) -> None:
         self.primitives = primitives
         self.rays = rays
         self.any_hit = any_hit
         self.certified = primitives.precision == "certified"
-        self.ray_rows = np.concatenate([rays.origins, rays.directions], axis=1).astype(primitives.dtype)  # (n, 6)
+        # Coordinates are turned so that the rays' main axis comes last: (n, 8) origin, direction, slopes.
+        self.turn = [(axis + 1) % 3, (axis + 2) % 3, axis]
+        direction = rays.directions[:, self.turn]
+        slopes = direction[:, :2] / direction[:, 2:]
+        self.ray_rows = np.concatenate([rays.origins[:, self.turn], direction, slopes], axis=1).astype(primitives.dtype)
         self.t_min = np.maximum(rays.t_min, 0.0)
         self.best = np.where(self.t_min <= rays.t_max, rays.t_max, -np.inf)
         self.best_id = np.full(len(rays), NO_ID)
@@ -75,7 +79,15 @@ class Search:
         origin = self.rays.origins.T
         away = np.maximum(np.abs(low[:, None] - origin), np.abs(high[:, None] - origin))
         reach = np.maximum(np.maximum(away[0], away[1]), away[2])
-        return predicates.edge_error_of_ray(self.rays.directions.T, reach * (1 + predicates.gamma(3)))
+        return predicates.edge_error_of_ray(self.ray_rows[:, 6:].T, reach * (1 + predicates.gamma(3)))
+
+    def _turned_corners(self, primitive_id: Ids) -> NDArray:
+        """The (3 corners, 3, k) planes of triangles, main axis last."""
+        return gather_corners(self.primitives, primitive_id).reshape(3, 3, -1)[:, self.turn]
+
+    def _turned_spheres(self, primitive_id: Ids) -> tuple[NDArray, NDArray]:
+        centre, radius = gather_spheres(self.primitives, primitive_id)
+        return centre[self.turn], radius
 
     def offer(self, ray: Indices, primitive_id: Ids) -> Indices:
         """Take in candidates, rays by index and primitives by id; return rays whose `best` may have changed."""
@@ -86,34 +98,34 @@ class Search:
         return np.concatenate([triangles, self._offer_spheres(ray[sphere], primitive_id[sphere])])
 
     def _offer_triangles(self, ray: Indices, primitive_id: Ids) -> Indices:
-        corners = gather_corners(self.primitives, primitive_id)  # (9, k)
-        lines = np.ascontiguousarray(np.take(self.ray_rows, ray, axis=0).T)  # (6, k)
+        corners = self._turned_corners(primitive_id)
+        lines = np.ascontiguousarray(np.take(self.ray_rows, ray, axis=0).T)  # (8, k)
         bound = np.take(self.edge_error, ray)
-        p, q, r = corners[0:3] - lines[:3], corners[3:6] - lines[:3], corners[6:9] - lines[:3]
-        edges = predicates.edge_functions(lines[3:], p, q, r)
+        edges = predicates.edge_functions(*(predicates.shear(corner - lines[:3], lines[6:]) for corner in corners))
         highest = np.maximum(np.maximum(edges[0], edges[1]), edges[2])
         lowest = np.minimum(np.minimum(edges[0], edges[1]), edges[2])
         index = np.flatnonzero(~((highest > bound) & (lowest < -bound)))
         inside = (lowest[index] > bound[index]) | (highest[index] < -bound[index])
-        corners, lines, ray, primitive_id = corners[:, index], lines[:, index], ray[index], primitive_id[index]
-        side_b, side_c, relative = corners[3:6] - corners[:3], corners[6:9] - corners[:3], corners[:3] - lines[:3]
+        corners, lines, ray, primitive_id = corners[:, :, index], lines[:, index], ray[index], primitive_id[index]
+        direction, relative = lines[3:6], corners[0] - lines[:3]
+        side_b, side_c = corners[1] - corners[0], corners[2] - corners[0]
         if not self.certified:
             normal = predicates.cross(side_b, side_c)
-            denominator = predicates.dot(lines[3:], normal)
+            denominator = predicates.dot(direction, normal)
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 t = predicates.dot(relative, normal) / denominator
             return self._accept(ray, primitive_id, np.where(denominator != 0, t, np.nan))
-        plane = predicates.intersect_plane_certified(lines[3:], relative, side_b, side_c)
+        plane = predicates.intersect_plane_certified(direction, relative, side_b, side_c)
         possible = np.ones(len(ray), dtype=bool)
         doubtful = np.flatnonzero(~inside)
         if len(doubtful):
-            inside[doubtful], possible[doubtful] = _judge_edges(lines[:, doubtful], corners[:, doubtful])
+            inside[doubtful], possible[doubtful] = _judge_edges(lines[:, doubtful], corners[:, :, doubtful])
         return self._weigh(ray, primitive_id, plane.t, plane.t_error, inside, possible)
 
     def _offer_spheres(self, ray: Indices, primitive_id: Ids) -> Indices:
-        centre, radius = gather_spheres(self.primitives, primitive_id)
+        centre, radius = self._turned_spheres(primitive_id)
         lines = np.ascontiguousarray(np.take(self.ray_rows, ray, axis=0).T)
-        roots = predicates.intersect_sphere_certified(lines[3:], centre - lines[:3], radius)
+        roots = predicates.intersect_sphere_certified(lines[3:6], centre - lines[:3], radius)
         t_min = self.t_min[ray]
         if not self.certified:
             t = np.where(roots.near >= t_min, roots.near, roots.far)
@@ -237,15 +249,13 @@ class Search:
         triangle = single.primitive_id < self.primitives.geometry.sphere_id
         chosen = np.flatnonzero(triangle)
         if len(chosen):
-            corners = gather_corners(self.primitives, single.primitive_id[chosen])
-            distance[chosen], error[chosen] = refine.triangle_distance(
-                lines[:3, chosen], lines[3:, chosen], corners[:3], corners[3:6], corners[6:]
-            )
+            corners = self._turned_corners(single.primitive_id[chosen])
+            distance[chosen], error[chosen] = refine.triangle_distance(lines[:3, chosen], lines[3:6, chosen], *corners)
         chosen = np.flatnonzero(~triangle)
         if len(chosen):
-            centre, radius = gather_spheres(self.primitives, single.primitive_id[chosen])
+            centre, radius = self._turned_spheres(single.primitive_id[chosen])
             distance[chosen], error[chosen] = refine.sphere_distance(
-                lines[:3, chosen], lines[3:, chosen], centre, radius, single.t[chosen]
+                lines[:3, chosen], lines[3:6, chosen], centre, radius, single.t[chosen]
             )
         return distance, error
 
@@ -253,25 +263,32 @@ class Search:
         """Fill in instance, primitive and barycentric weights of the rays' hits."""
         hits.instance[ray], hits.primitive[ray] = split_id(self.primitives.geometry, primitive_id)
         triangle = np.flatnonzero(primitive_id < self.primitives.geometry.sphere_id)
-        corners = gather_corners(self.primitives, primitive_id[triangle])
+        corners = self._turned_corners(primitive_id[triangle])
         lines = self.ray_rows[ray[triangle]].T
-        p, q, r = corners[0:3] - lines[:3], corners[3:6] - lines[:3], corners[6:9] - lines[:3]
-        e_a, e_b, e_c = predicates.edge_functions(lines[3:], p, q, r)
+        e_a, e_b, e_c = predicates.edge_functions(*(predicates.shear(p - lines[:3], lines[6:]) for p in corners))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             weights = np.stack([e_b, e_c], axis=1) / (e_a + e_b + e_c)[:, None]
         hits.barycentric[ray[triangle]] = np.clip(np.nan_to_num(weights), 0.0, 1.0)
 
 
 def _judge_edges(lines: NDArray, corners: NDArray) -> tuple[Booleans, Booleans]:
-    """Return (certainly inside, possibly inside) by each pair's own error bound."""
-    p, q, r = (corners[row : row + 3] - lines[:3] for row in (0, 3, 6))
-    sides = []
-    for one, other in ((q, r), (r, p), (p, q)):
-        edge, error = predicates.edge_function(lines[3:], one, other), predicates.edge_error(lines[3:], one, other)
-        sides.append((edge > error).astype(np.int8) - (edge < -error))
-    above, below = np.max(sides, axis=0) > 0, np.min(sides, axis=0) < 0
-    inside = (np.min(sides, axis=0) > 0) | (np.max(sides, axis=0) < 0)
-    return inside, ~(above & below)
+    """Return (certainly inside, possibly inside): by each pair's own error bound, then in pairs of float64."""
+    signs = np.stack([_edge_sign(lines, corners[one], corners[other]) for one, other in ((1, 2), (2, 0), (0, 1))])
+    highest, lowest = signs.max(axis=0), signs.min(axis=0)
+    return (lowest > 0) | (highest < 0), ~((highest > 0) & (lowest < 0))
+
+
+def _edge_sign(lines: NDArray, p: NDArray, q: NDArray) -> NDArray[np.int8]:
+    """Sign of an edge function over the main axis' direction where it is certain, else 0."""
+    origin, direction, slope = lines[:3], lines[3:6], lines[6:]
+    edge = predicates.edge_function(predicates.shear(p - origin, slope), predicates.shear(q - origin, slope))
+    error = predicates.edge_error(p - origin, q - origin, slope)
+    sign = (edge > error).astype(np.int8) - (edge < -error)
+    doubt = np.flatnonzero(sign == 0)
+    if len(doubt):
+        refined = refine.edge_sign(origin[:, doubt], direction[:, doubt], p[:, doubt], q[:, doubt])
+        sign[doubt] = refined * np.sign(direction[2, doubt]).astype(np.int8)
+    return sign
 
 
 def _runs(sorted_values: Indices) -> NDArray[np.intp]:
