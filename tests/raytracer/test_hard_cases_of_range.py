@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer import lecture
 from raytracer.features import derive_features
 from raytracer.rays import Rays
 from raytracer.surface import make_surface, make_surface_tables, spawn_origin
@@ -70,6 +71,14 @@ def test_hard_case_25_t_min_is_inclusive(build):
     t = np.where(np.isfinite(caster.closest_hit(*rays).distance), caster.closest_hit(*rays).distance, 0)
     for t_min in (np.nextafter(t, 0), t, np.nextafter(t, np.inf)):
         judge(caster, *rays, t_min=t_min)
+    ball = build(sphere_scene(UNIT))
+    roots = lecture.intersect_sphere(*rays, *UNIT)
+    for t_min in (np.nextafter(roots, 0), roots, np.nextafter(roots, np.inf)):
+        for root in np.moveaxis(np.nan_to_num(t_min), -1, 0):
+            judge(ball, *rays, t_min=root)
+    # A negative t_min counts as 0: nothing behind the origin is found.
+    for caster in (quad, ball):
+        assert not judge(caster, [(0.25, 0.125, -3)], [(0, 0, -2)], t_min=-5).hit.any()
 
 
 @pytest.mark.parametrize("shape", ["cubes", "spheres"])
@@ -140,8 +149,7 @@ def test_hard_case_31_invalid_rays_miss_are_flagged_and_harm_no_others(build, ba
         origins, directions = meshes.random_rays(generator, 40, size=0.5)
         good = caster.closest_hit(origins, directions)
         invalid = np.arange(40) % 4 == 1
-        origins[1::8, 2], directions[5::8, 0] = bad, bad
-        directions[9] = 0
+        origins[1::12, 2], directions[5::12, 0], directions[9::12] = bad, bad, 0
         hits = judge(caster, origins, directions)
         np.testing.assert_array_equal(hits.valid, ~invalid)
         assert_miss_is_data(hits, invalid)
