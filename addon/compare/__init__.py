@@ -76,7 +76,8 @@ def run_ray_cast(bpy: Any, size: tuple[int, int], samples: int, output: str | No
     from .with_ray_cast import compare_with_ray_cast
 
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    return compare_with_ray_cast(bpy.context.scene, depsgraph, *size, samples).summarise()
+    comparison, _ = compare_with_ray_cast(bpy.context.scene, depsgraph, *size, samples)
+    return comparison.summarise()
 
 
 def print_numbers(numbers: dict[str, Any]) -> None:

@@ -76,7 +76,7 @@ def find_same(ours: Answers, blender: Answers) -> Booleans:
 
 def compare_with_ray_cast(
     scene: Any, depsgraph: Any, width: int, height: int, count: int, seed: int = 0
-) -> RayCastComparison:
+) -> tuple[RayCastComparison, Sides]:
     """Cast the camera's rays (width x height) and `count` rays of each other family of `aims` on both sides."""
     extraction = extract_scene(depsgraph)
     assert extraction.scene.instances is not None
@@ -91,7 +91,8 @@ def compare_with_ray_cast(
         target_of_key=target_of_key,
         polygons=extraction.polygons,
     )
-    return compare_sides(sides, aim_rays(sides.caster.geometry, extraction.scene.camera, width, height, count, seed))
+    rays = aim_rays(sides.caster.geometry, extraction.scene.camera, width, height, count, seed)
+    return compare_sides(sides, rays, seed), sides
 
 
 def compare_sides(sides: Sides, rays: Aimed, seed: int = 0) -> RayCastComparison:
