@@ -71,8 +71,8 @@ class Caster:
         """
         rays = make_rays(origins, directions, t_min, t_max)
         hits = _misses(rays)
-        for index, axis in _batches(rays, hits.valid):
-            search = Search(self.primitives, rays.select(index), axis, any_hit=False)
+        for index in _batches(hits.valid):
+            search = Search(self.primitives, rays.select(index), any_hit=False)
             self.offer(search)
             found = search.closest()
             for name in Hits.__slots__:
@@ -85,8 +85,8 @@ class Caster:
         """Return (n,) bool: does anything lie on the ray with t_min <= t <= t_max? Parameters as `closest_hit`."""
         rays = make_rays(origins, directions, t_min, t_max)
         found = np.zeros(len(rays), dtype=bool)
-        for index, axis in _batches(rays, rays.valid()):
-            search = Search(self.primitives, rays.select(index), axis, any_hit=True)
+        for index in _batches(rays.valid()):
+            search = Search(self.primitives, rays.select(index), any_hit=True)
             self.offer(search)
             found[index] = search.found_any()
         return found
@@ -106,8 +106,8 @@ class Caster:
             raise ValueError(f"crossings: precision: expected 'certified', got {self.primitives.precision!r}")
         rays = make_rays(origins, directions)
         count = np.zeros(len(rays), np.int32)
-        for index, axis in _batches(rays, rays.valid()):
-            search = CrossingSearch(self.primitives, rays.select(index), axis)
+        for index in _batches(rays.valid()):
+            search = CrossingSearch(self.primitives, rays.select(index))
             self.offer(search)
             count[index] = search.counts()
         return count
@@ -131,14 +131,11 @@ def build(scene: Scene, precision: str = "certified") -> Caster:
     return Caster(scene, primitives, partial(offer_traversed, build_hierarchy(primitives)))
 
 
-def _batches(rays: Rays, valid: Booleans) -> Iterator[tuple[NDArray[np.intp], int]]:
-    """Yield the valid rays in batches (index, main axis) of rays whose directions are largest along one axis."""
-    size = np.abs(rays.directions).T
-    axis = np.where(size[2] >= np.maximum(size[0], size[1]), 2, np.where(size[1] >= size[0], 1, 0))
-    for main in range(3):
-        index = np.flatnonzero(valid & (axis == main))
-        for start in range(0, len(index), BATCH_RAYS):
-            yield index[start : start + BATCH_RAYS], main
+def _batches(valid: Booleans) -> Iterator[NDArray[np.intp]]:
+    """Yield the indices of the valid rays, BATCH_RAYS at a time."""
+    index = np.flatnonzero(valid)
+    for start in range(0, len(index), BATCH_RAYS):
+        yield index[start : start + BATCH_RAYS]
 
 
 def _misses(rays: Rays) -> Hits:

@@ -21,13 +21,13 @@ from raytracer.rays import Booleans, Floats, Rays
 class CrossingSearch(Search):
     """Counts the triangles that rays cross; spheres do not count."""
 
-    def __init__(self, primitives: Primitives, rays: Rays, axis: int) -> None:
-        super().__init__(primitives, rays, axis, any_hit=False)
+    def __init__(self, primitives: Primitives, rays: Rays) -> None:
+        super().__init__(primitives, rays, any_hit=False)
         self.count = np.zeros(len(rays), np.int32)
 
     def offer(self, ray: Indices, primitive_id: Ids) -> Indices:
         triangle = primitive_id < self.primitives.geometry.sphere_id
-        return self._offer_triangles(ray[triangle], primitive_id[triangle])
+        return super().offer(ray[triangle], primitive_id[triangle])
 
     def _weigh(
         self, ray: Indices, primitive_id: Ids, t: Floats, error: Floats, inside: Booleans, possible: Booleans

@@ -14,7 +14,8 @@ Imports `predicates`, `refine`, `exact`, `rays` and the world-space primitives.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from raytracer.rays import Booleans, Floats, Hits, Rays
 
 Indices = NDArray[np.intp]
 
+# The order of coordinates that brings each axis to the last place; cyclic, so that orientations stay.
+TURNS = ([1, 2, 0], [2, 0, 1], [0, 1, 2])
 NO_ID = np.iinfo(np.int64).max
 
 
@@ -49,22 +52,22 @@ class Candidates(NamedTuple):
 
 
 class Search:
-    """The state of a batch of n valid rays whose directions are all largest along `axis`.
+    """The state of a batch of n valid rays.
 
+    ray_rows : (n, 8) origin, direction and slopes of each ray, coordinates turned so that its main axis comes last
+    axis : (n,) int8, the main axis: the one along which the direction is largest
     best : (n,) float64; nothing farther than this can be the answer. Starts at t_max; -inf once an any-hit ray is
         decided. Traversal culls with it.
     """
 
-    def __init__(self, primitives: Primitives, rays: Rays, axis: int, any_hit: bool) -> None:
+    def __init__(self, primitives: Primitives, rays: Rays, any_hit: bool) -> None:
         self.primitives = primitives
         self.rays = rays
         self.any_hit = any_hit
         self.certified = primitives.precision == "certified"
-        # Coordinates are turned so that the rays' main axis comes last: (n, 8) origin, direction, slopes.
-        self.turn = [(axis + 1) % 3, (axis + 2) % 3, axis]
-        direction = rays.directions[:, self.turn]
-        slopes = direction[:, :2] / direction[:, 2:]
-        self.ray_rows = np.concatenate([rays.origins[:, self.turn], direction, slopes], axis=1).astype(primitives.dtype)
+        self.axis = _main_axis(rays.directions)
+        self.axes = np.flatnonzero(np.bincount(self.axis, minlength=3)).tolist()
+        self.ray_rows = self._turn_rays().astype(primitives.dtype)
         self.t_min = np.maximum(rays.t_min, 0.0)
         self.best = np.where(self.t_min <= rays.t_max, rays.t_max, -np.inf)
         self.best_id = np.full(len(rays), NO_ID)
@@ -81,26 +84,49 @@ class Search:
         reach = np.maximum(np.maximum(away[0], away[1]), away[2])
         return predicates.edge_error_of_ray(self.ray_rows[:, 6:].T, reach * (1 + predicates.gamma(3)))
 
-    def _turned_corners(self, primitive_id: Ids) -> NDArray:
-        """The (3 corners, 3, k) planes of triangles, main axis last."""
-        return gather_corners(self.primitives, primitive_id).reshape(3, 3, -1)[:, self.turn]
+    def _turn_rays(self) -> Floats:
+        rows = np.empty((len(self.rays), 8))
+        for axis, index in self._by_axis(np.arange(len(self.rays))):
+            rows[index, :3] = self.rays.origins[index][:, TURNS[axis]]
+            rows[index, 3:6] = self.rays.directions[index][:, TURNS[axis]]
+        np.divide(rows[:, 3:5], rows[:, 5:6], out=rows[:, 6:])
+        return rows
 
-    def _turned_spheres(self, primitive_id: Ids) -> tuple[NDArray, NDArray]:
+    def _by_axis(self, ray: Indices) -> Iterator[tuple[int, Any]]:
+        """Yield each main axis with the positions of its rays among `ray`."""
+        if len(self.axes) == 1:
+            yield self.axes[0], slice(None)
+            return
+        axis_of_ray = self.axis.take(ray)
+        for axis in self.axes:
+            index = np.flatnonzero(axis_of_ray == axis)
+            if len(index):
+                yield axis, index
+
+    def _turned_corners(self, primitive_id: Ids, axis: int) -> NDArray:
+        """The (3 corners, 3, k) planes of triangles, the main axis last."""
+        return gather_corners(self.primitives, primitive_id).reshape(3, 3, -1)[:, TURNS[axis]]
+
+    def _turned_spheres(self, primitive_id: Ids, axis: int) -> tuple[NDArray, NDArray]:
         centre, radius = gather_spheres(self.primitives, primitive_id)
-        return centre[self.turn], radius
+        return centre[TURNS[axis]], radius
 
     def offer(self, ray: Indices, primitive_id: Ids) -> Indices:
         """Take in candidates, rays by index and primitives by id; return rays whose `best` may have changed."""
-        if not len(self.primitives.geometry.radii):
-            return self._offer_triangles(ray, primitive_id)
-        sphere = primitive_id >= self.primitives.geometry.sphere_id
-        triangles = self._offer_triangles(ray[~sphere], primitive_id[~sphere])
-        return np.concatenate([triangles, self._offer_spheres(ray[sphere], primitive_id[sphere])])
+        changed = [self._offer_turned(ray[part], primitive_id[part], axis) for axis, part in self._by_axis(ray)]
+        return np.concatenate(changed) if changed else ray[:0]
 
-    def _offer_triangles(self, ray: Indices, primitive_id: Ids) -> Indices:
-        corners = self._turned_corners(primitive_id)
-        lines = np.ascontiguousarray(np.take(self.ray_rows, ray, axis=0).T)  # (8, k)
-        bound = np.take(self.edge_error, ray)
+    def _offer_turned(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
+        if not len(self.primitives.geometry.radii):
+            return self._offer_triangles(ray, primitive_id, axis)
+        sphere = primitive_id >= self.primitives.geometry.sphere_id
+        triangles = self._offer_triangles(ray[~sphere], primitive_id[~sphere], axis)
+        return np.concatenate([triangles, self._offer_spheres(ray[sphere], primitive_id[sphere], axis)])
+
+    def _offer_triangles(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
+        corners = self._turned_corners(primitive_id, axis)
+        lines = np.ascontiguousarray(self.ray_rows.take(ray, axis=0).T)  # (8, k)
+        bound = self.edge_error.take(ray)
         edges = predicates.edge_functions(*(predicates.shear(corner - lines[:3], lines[6:]) for corner in corners))
         highest = np.maximum(np.maximum(edges[0], edges[1]), edges[2])
         lowest = np.minimum(np.minimum(edges[0], edges[1]), edges[2])
@@ -122,8 +148,8 @@ class Search:
             inside[doubtful], possible[doubtful] = _judge_edges(lines[:, doubtful], corners[:, :, doubtful])
         return self._weigh(ray, primitive_id, plane.t, plane.t_error, inside, possible)
 
-    def _offer_spheres(self, ray: Indices, primitive_id: Ids) -> Indices:
-        centre, radius = self._turned_spheres(primitive_id)
+    def _offer_spheres(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
+        centre, radius = self._turned_spheres(primitive_id, axis)
         lines = np.ascontiguousarray(np.take(self.ray_rows, ray, axis=0).T)
         roots = predicates.intersect_sphere_certified(lines[3:6], centre - lines[:3], radius)
         t_min = self.t_min[ray]
@@ -245,30 +271,42 @@ class Search:
     def _refine(self, single: Candidates) -> tuple[Floats, Floats]:
         """Distance and certified bound of hits that are decided already."""
         distance, error = np.empty(len(single.ray)), np.empty(len(single.ray))
-        lines = self.ray_rows[single.ray].T
         triangle = single.primitive_id < self.primitives.geometry.sphere_id
-        chosen = np.flatnonzero(triangle)
-        if len(chosen):
-            corners = self._turned_corners(single.primitive_id[chosen])
-            distance[chosen], error[chosen] = refine.triangle_distance(lines[:3, chosen], lines[3:6, chosen], *corners)
-        chosen = np.flatnonzero(~triangle)
-        if len(chosen):
-            centre, radius = self._turned_spheres(single.primitive_id[chosen])
-            distance[chosen], error[chosen] = refine.sphere_distance(
-                lines[:3, chosen], lines[3:6, chosen], centre, radius, single.t[chosen]
-            )
+        for axis, part in self._by_axis(single.ray):
+            everyone = np.arange(len(single.ray))[part]
+            chosen = everyone[triangle[part]]
+            if len(chosen):
+                lines = self.ray_rows[single.ray[chosen]].T
+                corners = self._turned_corners(single.primitive_id[chosen], axis)
+                distance[chosen], error[chosen] = refine.triangle_distance(lines[:3], lines[3:6], *corners)
+            chosen = everyone[~triangle[part]]
+            if len(chosen):
+                lines = self.ray_rows[single.ray[chosen]].T
+                sphere = self._turned_spheres(single.primitive_id[chosen], axis)
+                distance[chosen], error[chosen] = refine.sphere_distance(
+                    lines[:3], lines[3:6], *sphere, single.t[chosen]
+                )
         return distance, error
 
     def _measure(self, hits: Hits, ray: Indices, primitive_id: Ids) -> None:
         """Fill in instance, primitive and barycentric weights of the rays' hits."""
         hits.instance[ray], hits.primitive[ray] = split_id(self.primitives.geometry, primitive_id)
         triangle = np.flatnonzero(primitive_id < self.primitives.geometry.sphere_id)
-        corners = self._turned_corners(primitive_id[triangle])
-        lines = self.ray_rows[ray[triangle]].T
-        e_a, e_b, e_c = predicates.edge_functions(*(predicates.shear(p - lines[:3], lines[6:]) for p in corners))
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            weights = np.stack([e_b, e_c], axis=1) / (e_a + e_b + e_c)[:, None]
-        hits.barycentric[ray[triangle]] = np.clip(np.nan_to_num(weights), 0.0, 1.0)
+        ray, primitive_id = ray[triangle], primitive_id[triangle]
+        for axis, part in self._by_axis(ray):
+            lines = self.ray_rows[ray[part]].T
+            corners = self._turned_corners(primitive_id[part], axis)
+            edges = predicates.edge_functions(*(predicates.shear(p - lines[:3], lines[6:]) for p in corners))
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                weights = np.stack(edges[1:], axis=1) / (edges[0] + edges[1] + edges[2])[:, None]
+            hits.barycentric[ray[part]] = np.clip(np.nan_to_num(weights), 0.0, 1.0)
+
+
+def _main_axis(directions: Floats) -> NDArray[np.int8]:
+    """(n,) the axis of each direction's largest component; the last of equals."""
+    size = np.abs(directions).T
+    axis = np.where(size[1] >= size[0], np.int8(1), np.int8(0))
+    return np.where(size[2] >= np.maximum(size[0], size[1]), np.int8(2), axis)
 
 
 def _judge_edges(lines: NDArray, corners: NDArray) -> tuple[Booleans, Booleans]:

@@ -59,7 +59,7 @@ class _Rows:
         self.id_shift = np.zeros(len(rows), np.int64)
 
     def rays_of(self, row: NDArray) -> NDArray:
-        return row if self.count == self.ray_count else np.take(self.ray, row)
+        return row if self.count == self.ray_count else self.ray.take(row)
 
     def append(self, rows: NDArray[np.float32], ray: NDArray, id_shift: NDArray) -> NDArray[np.int32]:
         """Add rows; return their numbers."""
@@ -120,7 +120,7 @@ class Traversal:
     def _open_nodes(self, row: NDArray, node: NDArray, entered: NDArray) -> None:
         """Test the four children of each node and push those that the rays enter, the nearest last."""
         ray = self.rows.rays_of(row)
-        best = np.take(self.best, ray)
+        best = self.best.take(ray)
         alive = np.flatnonzero(entered <= best)
         if len(alive) < len(row):
             row, node, ray, best = row[alive], node[alive], ray[alive], best[alive]
@@ -132,21 +132,21 @@ class Traversal:
         keys = _sort_four(entry, children)
         slot, lane = keys & 3, work.lane[:, :count]
         chosen = np.flatnonzero(keys.ravel() < INFINITY_BITS)
-        lane = np.take(lane.ravel(), chosen)
-        child = np.take(children.ravel(), np.take(slot.ravel(), chosen) * count + lane)
-        child_row = np.take(row, lane)
+        lane = lane.ravel().take(chosen)
+        child = children.ravel().take(slot.ravel().take(chosen) * count + lane)
+        child_row = row.take(lane)
         inner = child >= 0
         index = np.flatnonzero(inner)
-        distance = np.take(keys.ravel(), np.take(chosen, index)).view(np.float32)
-        self.stack.push(np.take(child_row, index), np.take(child, index), distance)
+        distance = keys.ravel().take(chosen.take(index)).view(np.float32)
+        self.stack.push(child_row.take(index), child.take(index), distance)
         index = np.flatnonzero(~inner)
-        self.leaves.append((np.take(child_row, index), np.take(child, index)))
+        self.leaves.append((child_row.take(index), child.take(index)))
         self.leaf_count += len(index)
 
     def _gather_nodes(self, node: NDArray) -> tuple[NDArray, NDArray]:
         """The planes (24, c) of the children's boxes and (4, c) of their references."""
         count, work = len(node), self.work
-        rows = np.take(self.hierarchy.nodes, node, axis=0, out=work.node_rows[:count], mode="clip")
+        rows = self.hierarchy.nodes.take(node, axis=0, out=work.node_rows[:count], mode="clip")
         planes = work.nodes[:, :count]
         planes[...] = rows.T[: CHILD_COLUMN + WIDTH]
         return planes, np.ascontiguousarray(planes[CHILD_COLUMN:]).view(np.int32)
@@ -154,11 +154,11 @@ class Traversal:
     def _enter_boxes(self, row: NDArray, ray: NDArray, nodes: NDArray, best: NDArray) -> NDArray:
         """The (4, c) entry distances of the children's boxes; infinite where a ray misses or is past its best."""
         count, work = len(row), self.work
-        rows = np.take(self.rows.rows, row, axis=0, out=work.ray_rows[:count], mode="clip")
+        rows = self.rows.rows.take(row, axis=0, out=work.ray_rows[:count], mode="clip")
         planes = work.rays[:, :count]
         planes[...] = rows.T
         entry, leave, one, other = (array[:, :count] for array in (work.entry, work.exit, work.one, work.other))
-        entry[...] = np.take(self.begin, ray)
+        entry[...] = self.begin.take(ray)
         leave[...] = best
         for axis in range(3):
             low, high = nodes[WIDTH * axis :][:WIDTH], nodes[WIDTH * (axis + 3) :][:WIDTH]
@@ -178,7 +178,7 @@ class Traversal:
         first, count = code // LEAF_STRIDE, code % LEAF_STRIDE
         offset = np.cumsum(count) - count
         position = np.repeat(first - offset, count) + np.arange(int(count.sum()), dtype=np.int32)
-        row, item = np.repeat(row, count), np.take(self.hierarchy.items, position)
+        row, item = np.repeat(row, count), self.hierarchy.items.take(position)
         if self.hierarchy.placed is None:
             self._offer(self.rows.rays_of(row), item)
             return
