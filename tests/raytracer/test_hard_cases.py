@@ -10,9 +10,10 @@ import pytest
 
 import raytracer
 from tests import meshes
+from tests.exact_oracle import pack_scene
 from tests.judging import ACCELERATORS, assert_same_hits, build_with, judge, mesh_scene
-from tests.raytracer.test_lecture import ULP
 
+ULP = np.finfo(np.float64).eps
 OFFSETS = [(0, 0, 0), (148376, 1234, -223423), (1e6, 1e6, 1e6)]
 DOWN = (0.0, 0.0, -1.0)
 TRIANGLE = np.array([(0, 0, 1), (4, 0, 1), (0, 4, 1)], dtype=np.float64)
@@ -231,6 +232,17 @@ def test_hard_case_22_crossings_count_an_edge_or_a_vertex_once(build):
     inside = (0.1, 0.2, 0.3)
     for rays in (meshes.rays_at_vertices(mesh, inside), meshes.rays_at_edges(mesh, inside, generator, 1000)):
         np.testing.assert_array_equal(caster.crossings(*rays), 1)
+
+
+@pytest.mark.parametrize("shape", ["cube", "torus", "needle_lens", "nested_shells"])
+def test_hard_case_22_crossings_from_vertices_and_along_edges_are_exact(build, shape):
+    positions, triangles = mesh = getattr(meshes, f"make_{shape}")()
+    caster, generator = build(mesh_scene(mesh)), np.random.default_rng(22)
+    a, b, _ = np.moveaxis(positions[triangles[generator.integers(len(triangles), size=100)]], 1, 0)
+    lattice = generator.integers(-1, 2, size=(100, 3)).astype(np.float64)
+    for origins, directions in ((a, b - a), (2 * a - b, b - a), (a, lattice), meshes.random_rays(generator, 100)):
+        exact = pack_scene(caster.scene).crossings(origins, directions)
+        np.testing.assert_array_equal(caster.crossings(origins, directions), exact)
 
 
 def test_hard_case_23_origin_on_a_face_hits_it_at_zero_unless_it_runs_in_the_plane(build):
