@@ -34,11 +34,11 @@ class CrossingSearch(Search):
     ) -> Indices:
         """Count what is certainly crossed, drop what is certainly not, keep the rest; no ray's range shrinks."""
         with np.errstate(invalid="ignore"):
-            ahead, behind = t - error > 0, t + error < 0
-        crossed = inside & ahead
+            low, high = t - error, t + error  # NaN where nothing is known, which is neither ahead nor behind
+        crossed, behind = inside & (low > 0), high < 0
         np.add.at(self.count, ray[crossed], 1)
         doubt = np.flatnonzero(possible & ~crossed & ~behind)
-        self.pool.append(Candidates(ray, primitive_id, t, t - error, crossed).select(doubt))
+        self.pool.append(Candidates(ray, primitive_id, t, low, crossed).select(doubt))
         return ray[:0]
 
     def counts(self) -> NDArray[np.int32]:
