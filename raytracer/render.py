@@ -27,10 +27,10 @@ from raytracer.settings import WORD_LIMIT, Settings, check_integer
 from raytracer.workers import Workers
 
 # Seconds of work between two signs of progress. (`is_cancelled` is asked at every cast, far more often.)
-BLOCK_SECONDS = 0.5
+BLOCK_SECONDS = 1.0
 
-# Pixels; with fewer at a time NumPy's calls cost more than its arithmetic.
-SMALLEST_BLOCK = 4096
+# Camera rays; with fewer at a time NumPy's calls cost more than its arithmetic.
+SMALLEST_BLOCK = 16384
 
 # Dimension of the pixel filter's samples; the integrator counts its own from 0 upwards.
 FILTER_DIMENSION = WORD_LIMIT - 1
@@ -113,7 +113,7 @@ def accumulate(
         if on_progress:
             on_progress(plan.share_done(result.block))
         if result.block.stop == plan.pixels:
-            film.samples += 1
+            film.samples += result.block.samples
             if on_pass:
                 on_pass(film, film.samples, plan.passes)
 
@@ -137,16 +137,20 @@ class View:
 
 @dataclass(frozen=True)
 class Block:
-    """One sample of a run of the view's pixels, counted along its rows."""
+    """Consecutive samples of a run of the view's pixels, counted along its rows.
+
+    Small pictures are traced several samples at a time; a run shorter than the picture has one.
+    """
 
     sample: int
     start: int
     stop: int
+    samples: int = 1
 
 
 @dataclass(frozen=True)
 class BlockResult:
-    """What the rays of a block saw: (n, channels) float64 by pass, and what it took."""
+    """What the rays of a block saw: (samples * pixels, channels) float64 by pass, and what it took."""
 
     block: Block
     values: Mapping[str, Floats]
@@ -183,20 +187,22 @@ class BlockPlan:
     def __init__(self, pixels: int, passes: int, largest: int) -> None:
         self.pixels = pixels
         self.passes = passes
-        self._largest = min(largest, pixels)
-        self._size = min(self._largest, SMALLEST_BLOCK)
+        self._largest = largest
+        self._size = min(largest, SMALLEST_BLOCK)
 
     def __iter__(self) -> Iterator[Block]:
-        for sample in range(self.passes):
-            start = 0
-            while start < self.pixels:
-                stop = min(start + self._size, self.pixels)
-                yield Block(sample, start, stop)
-                start = stop
+        sample = start = 0
+        while sample < self.passes:
+            stop = min(start + self._size, self.pixels)
+            together = max(1, self._size // self.pixels) if start == 0 else 1
+            block = Block(sample, start, stop, min(together, self.passes - sample))
+            yield block
+            start = stop % self.pixels
+            sample += block.samples if start == 0 else 0
 
     def observe(self, result: BlockResult) -> None:
         """Set the size of the next blocks by how long this one took; at most twice its size."""
-        size = result.block.stop - result.block.start
+        size = (result.block.stop - result.block.start) * result.block.samples
         if size < self._size // 2:
             return  # the short rest of a pass says little about the others
         size = int(size * BLOCK_SECONDS / max(result.seconds, BLOCK_SECONDS / 2))
@@ -204,7 +210,8 @@ class BlockPlan:
 
     def share_done(self, block: Block) -> float:
         """Return the share of all work that is done with this block."""
-        return (block.sample * self.pixels + block.stop) / (self.passes * self.pixels)
+        done = block.sample * self.pixels + block.stop + (block.samples - 1) * self.pixels
+        return done / (self.passes * self.pixels)
 
 
 def trace_blocks(
@@ -256,7 +263,8 @@ class BlockTracer:
             offset = sample_pixel_filter(pair, self._settings.pixel_filter, cast(float, self._settings.filter_width))
             values = self._trace(self._integrator, column + offset[:, 0], row + offset[:, 1], samples)
         if self._centre_integrator and block.sample == 0:
-            centre_values = self._trace(self._centre_integrator, column, row, samples)
+            first = slice(0, block.stop - block.start)
+            centre_values = self._trace(self._centre_integrator, column[first], row[first], samples.select(first))
         rays, seconds = self._caster.rays - rays_before, time.perf_counter() - started
         return BlockResult(block, values, centre_values, rays, seconds)
 
@@ -297,7 +305,7 @@ class WatchedCaster:
 
 
 def locate_pixels(view: View, block: Block, seed: int) -> tuple[PixelSamples, Floats, Floats]:
-    """Return the samples of a block's pixels, and the centres (x, y) of those pixels in the full picture.
+    """Return a block's samples, one sample of all its pixels after the other, and the pixels' centres (x, y).
 
     Pixels are numbered within the full picture, so that a border changes none of them.
     """
@@ -305,13 +313,17 @@ def locate_pixels(view: View, block: Block, seed: int) -> tuple[PixelSamples, Fl
     row += view.y_min
     column += view.x_min
     pixel = (row * view.full_width + column).astype(np.uint32)
-    return PixelSamples(pixel, block.sample, seed), column + 0.5, row + 0.5
+    sample = np.repeat(np.arange(block.sample, block.sample + block.samples, dtype=np.uint32), len(pixel))
+    pixel, column, row = (np.tile(values, block.samples) for values in (pixel, column, row))
+    return PixelSamples(pixel, sample, seed), column + 0.5, row + 0.5
 
 
 def add_result(film: Film, result: BlockResult) -> None:
     """Add what a block saw to the film."""
     pixels = slice(result.block.start, result.block.stop)
-    film.add(pixels, result.values)
+    count = pixels.stop - pixels.start
+    for first in range(0, result.block.samples * count, count):
+        film.add(pixels, {name: values[first : first + count] for name, values in result.values.items()})
     if result.centre_values:
         film.set_centre(pixels, result.centre_values)
     film.statistics.rays += result.rays

@@ -37,17 +37,17 @@ _LEVELS = ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PixelSamples:
-    """Sample number `sample` of n pixels.
+    """One sample of each of n pixels.
 
     pixel : (n,) uint32, index of the pixel in the full picture, y * width + x
-    sample : int, 0 <= sample < 2^32
+    sample : number of the sample, int or (n,) uint32, 0 <= sample < 2^32
     seed : int, another seed is another, independent picture of the same noise
 
     A dimension numbers a pair of coordinates; `uniform` takes the first of the pair, so give each use its own number.
     """
 
     pixel: Words
-    sample: int
+    sample: int | Words
     seed: int
 
     def __len__(self) -> int:
@@ -55,7 +55,8 @@ class PixelSamples:
 
     def select(self, index: Any) -> PixelSamples:
         """Return the samples of some of the pixels: index or boolean array."""
-        return PixelSamples(self.pixel[index], self.sample, self.seed)
+        sample = self.sample[index] if isinstance(self.sample, np.ndarray) else self.sample
+        return PixelSamples(self.pixel[index], sample, self.seed)
 
     def uniform(self, dimension: int) -> Floats:
         """Return (n,) float64 in [0, 1)."""
@@ -73,7 +74,7 @@ class PixelSamples:
     def _shuffle_index(self, dimension: int) -> tuple[Words, Words]:
         """Return each pixel's key (n,) and its shuffled sample index (n,), a nested uniform shuffle of `sample`."""
         key = _hash_pixels(self.pixel, dimension, self.seed)
-        index = np.full(len(self), int(f"{self.sample:032b}"[::-1], 2), dtype=np.uint32)
+        index = _reverse_bits(np.broadcast_to(np.asarray(self.sample, np.uint32), self.pixel.shape).copy())
         return key, _reverse_bits(_scramble_reversed(index, key))
 
 

@@ -99,10 +99,22 @@ def test_another_seed_is_another_picture(recorder):
 
 
 def test_first_samples_of_a_longer_render_are_those_of_a_shorter_one(recorder):
+    seen = {}
+    one_sample_at_a_time = WIDTH * HEIGHT
+    render_recorded(
+        8,
+        block_size=one_sample_at_a_time,
+        on_pass=lambda film, done, total: seen.setdefault(done, film["Combined"]),
+    )
+    for samples in range(1, 9):
+        assert np.array_equal(render_recorded(samples)["Combined"], seen[samples])
+
+
+def test_small_pictures_take_several_samples_at_a_time(recorder):
     seen = []
-    render_recorded(8, on_pass=lambda film, done, total: seen.append(film["Combined"]))
-    for samples in (1, 4, 8):
-        assert np.array_equal(render_recorded(samples)["Combined"], seen[samples - 1])
+    render_recorded(200, block_size=50 * WIDTH * HEIGHT, on_pass=lambda film, done, total: seen.append((done, total)))
+    assert seen == [(50, 200), (100, 200), (150, 200), (200, 200)]
+    assert [len(rays) for rays in recorder.rays] == [50 * WIDTH * HEIGHT] * 4
 
 
 @pytest.mark.parametrize(
@@ -178,7 +190,7 @@ def test_cancelling_is_noticed_in_the_middle_of_a_block(recorder):
     """An integrator casts many times for one block; the first cast after the user's Esc ends it."""
     recorder.casts_per_block = 10
     asked = itertools.count()
-    film = render_recorded(is_cancelled=lambda: next(asked) >= 13)
+    film = render_recorded(block_size=WIDTH * HEIGHT, is_cancelled=lambda: next(asked) >= 13)
     assert next(asked) == 14
     assert (film.samples, film.cancelled) == (1, True)
 
@@ -277,22 +289,22 @@ def test_plan_covers_every_pixel_of_every_pass_once():
 
 
 def test_plan_fits_blocks_to_the_time_they_take():
-    """At 10 microseconds per pixel, half a second is 50000 pixels; at 1 microsecond the largest block is less."""
-    for microseconds, size in ((10, 50000), (1, 65536), (1000, 4096)):
+    """At 20 microseconds per ray, a second is 50000 rays; at 1 microsecond the largest block is less."""
+    for microseconds, size in ((20, 50000), (1, 65536), (1000, 16384)):
         plan = BlockPlan(pixels=10**6, passes=1, largest=65536)
         blocks = []
         for block in plan:
             blocks.append(block.stop - block.start)
             plan.observe(make_result(block, blocks[-1] * microseconds * 1e-6))
-        assert blocks[0] == SMALLEST_BLOCK == 4096
+        assert blocks[0] == SMALLEST_BLOCK == 16384
         assert abs(blocks[-2] - size) <= 1
         assert max(b / a for a, b in itertools.pairwise(blocks)) <= 2
 
 
 def test_plan_learns_nothing_from_the_short_rest_of_a_pass():
-    plan = BlockPlan(pixels=20000, passes=3, largest=16000)
+    plan = BlockPlan(pixels=70000, passes=3, largest=50000)
     sizes = []
     for block in plan:
         sizes.append(block.stop - block.start)
         plan.observe(make_result(block, 1e-6 * sizes[-1]))
-    assert sizes == [4096, 8192, 7712, 16000, 4000, 16000, 4000]
+    assert sizes == [16384, 32768, 20848, 50000, 20000, 50000, 20000]
