@@ -153,8 +153,8 @@ class Progress:
         self._output = output
         self._layer_count = max(layer_count, engine.layers_done + 1)
         self._samples = ""
-        self._started = time.perf_counter()
-        self._next_text = self._next_picture = self._started
+        self._first: tuple[float, float] | None = None  # time and share when tracing had begun
+        self._next_text = self._next_picture = time.perf_counter()
 
     def show_share(self, share: float) -> None:
         """Update progress bar, remaining time and listeners; `share` of this view layer is done."""
@@ -162,12 +162,21 @@ class Progress:
         if now < self._next_text and share < 1:
             return
         self._next_text = now + TEXT_INTERVAL
-        remaining = format_duration((now - self._started) / share * (1 - share))
-        self._engine.update_stats("", f"{self._samples}Remaining {remaining}")
+        self._engine.update_stats("", f"{self._samples}{self._estimate_remaining(now, share)}")
         of_frame = (self._engine.layers_done + share) / self._layer_count
         self._engine.update_progress(of_frame)
         for listener in progress_listeners:
             listener(of_frame)
+
+    def _estimate_remaining(self, now: float, share: float) -> str:
+        """Return the time left, judged by the pace since the first block: starting takes a time of its own."""
+        if self._first is None:
+            self._first = (now, share)
+        first_time, first_share = self._first
+        if share <= first_share:
+            return "Tracing"
+        pace = (now - first_time) / (share - first_share)
+        return f"Remaining {format_duration(pace * (1 - share))}"
 
     def show_pass(self, film: Any, done: int, total: int) -> None:
         """Count the samples; update the picture now and then, where there is a screen to see it on."""

@@ -30,7 +30,7 @@ LEFT_OUT = (
     "RENDER_PT_freestyle",
     "RENDER_PT_stereoscopy",
 )
-LEFT_OUT_GROUPS = ("DATA_PT_lightprobe", "VIEWLAYER_PT_freestyle", "MATERIAL_PT_freestyle")
+LEFT_OUT_GROUPS = ("DATA_PT_lightprobe", "MATERIAL_PT_freestyle", "RENDER_PT_simplify", "VIEWLAYER_PT_freestyle")
 
 # EEVEE's panels for what all engines share.
 BORROWED = (
@@ -107,6 +107,22 @@ class RAYTRACER_RENDER_PT_performance(_RenderPanel, bpy.types.Panel):
         column.prop(settings, "workers")
 
 
+class RAYTRACER_RENDER_PT_simplify(_RenderPanel, bpy.types.Panel):
+    """What Blender's own panel offers for meshes; that one would stand above all others."""
+
+    bl_label = "Simplify"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context: Any) -> None:
+        self.layout.prop(context.scene.render, "use_simplify", text="")
+
+    def draw(self, context: Any) -> None:
+        column, render = _split(self), context.scene.render
+        column.active = render.use_simplify
+        column.prop(render, "simplify_subdivision", text="Max Subdivision Viewport")
+        column.prop(render, "simplify_subdivision_render", text="Render")
+
+
 class RAYTRACER_RENDER_PT_statistics(_RenderPanel, bpy.types.Panel):
     """What the last render of the scene took."""
 
@@ -158,7 +174,7 @@ class RAYTRACER_VIEWLAYER_PT_passes(bpy.types.Panel):
         return context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context: Any) -> None:
-        column = _split(self)
+        column = _split(self).column(heading="Include", align=True)
         for name, stored in PASSES.items():
             if name != "Combined":
                 column.prop(context.view_layer, stored.option, text=name)
@@ -190,6 +206,7 @@ CLASSES = (
     RAYTRACER_RENDER_PT_light_paths,
     RAYTRACER_RENDER_PT_film,
     RAYTRACER_RENDER_PT_performance,
+    RAYTRACER_RENDER_PT_simplify,
     RAYTRACER_RENDER_PT_statistics,
     RAYTRACER_RENDER_PT_warnings,
     RAYTRACER_VIEWLAYER_PT_passes,

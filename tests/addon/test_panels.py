@@ -24,6 +24,11 @@ def registered() -> Iterator[None]:
     addon.unregister()
 
 
+def test_simplify_panel_draws_what_blender_follows(empty_scene: Any, registered: None) -> None:
+    names = draw(panels.RAYTRACER_RENDER_PT_simplify).names
+    assert names == ["simplify_subdivision", "simplify_subdivision_render"]
+
+
 class RecordingLayout:
     """Stands for a UILayout: checks that every property drawn exists, and keeps names and texts."""
 
