@@ -20,6 +20,9 @@ from raytracer.lights import LightSamples
 from raytracer.rays import Floats, Integers, Surface
 from raytracer.surface import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate
 
+# Emitters seen closer to edge-on than this light nothing that a float64 could tell from 0; keeps their distance finite.
+SMALLEST_COSINE = 2.0**-26
+
 
 @dataclass(frozen=True, eq=False)
 class Emitters:
@@ -98,11 +101,6 @@ def sample_emitters(emitters: Emitters, surface: Surface, choice: Floats, pair: 
     Parameters
     ----------
     choice, pair : (n,), (n, 2) uniform numbers
-
-    Notes
-    -----
-    The distance ends before the emitter by the error bounds of both ends, seen along the ray, so that an emitter does
-    not shadow itself.
     """
     picked = np.searchsorted(emitters.cumulative, choice, side="right").clip(max=len(emitters.cumulative) - 1)
     instance, primitive = emitters.instance[picked], emitters.primitive[picked]
@@ -114,9 +112,11 @@ def sample_emitters(emitters: Emitters, surface: Surface, choice: Floats, pair: 
     ):
         if len(rows):
             at = surface.position[rows]
-            direction[rows], distance[rows], clearance = sample(
+            direction[rows], distance[rows], cosine, error = sample(
                 emitters.tables, at, instance[rows], primitive[rows], pair[rows]
             )
+            # Ends before the emitter, by the errors of both ends (and of the step off the surface) seen along the ray.
+            clearance = 2.0 * (error + surface.position_error[rows]) / np.maximum(cosine, SMALLEST_COSINE)
             distance[rows] = np.maximum(distance[rows] - clearance, 0.0)
     density = emitter_density(emitters, surface.position, direction, instance, primitive)
     radiance = emitters.radiance[_materials(emitters.tables, instance, primitive)]
@@ -126,8 +126,11 @@ def sample_emitters(emitters: Emitters, surface: Surface, choice: Floats, pair: 
 
 def _sample_triangles(
     tables: SurfaceTables, positions: Floats, instance: Integers, primitive: Integers, pair: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Points even on triangles, beta = sqrt(u) (1 - v), gamma = sqrt(u) v: direction, distance and clearance."""
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Points even on triangles, beta = sqrt(u) (1 - v), gamma = sqrt(u) v.
+
+    Returns direction (n, 3), distance, cosine at the emitter and error of its position, each (n,).
+    """
     corners = world_corners(tables.geometry, instance, primitive)
     root = np.sqrt(pair[:, 0])
     target = interpolate(np.stack([root * (1.0 - pair[:, 1]), root * pair[:, 1]], axis=1), *corners)
@@ -135,16 +138,15 @@ def _sample_triangles(
     direction = normalize(offset)
     a, b, c = corners
     cosine = np.abs(dot(direction, normalize(cross(b - a, c - a))))
-    magnitude = np.maximum(np.maximum(length(a), length(b)), length(c)) + length(positions)
+    magnitude = np.maximum(np.maximum(length(a), length(b)), length(c))
     error = INTERPOLATION_ERROR * magnitude + CASTER_ERROR * np.maximum(length(b - a), length(c - a))
-    clearance = 2.0 * error / np.maximum(cosine, np.finfo(np.float64).eps)
-    return direction, length(offset), clearance
+    return direction, length(offset), cosine, error
 
 
 def _sample_spheres(
     tables: SurfaceTables, positions: Floats, instance: Integers, primitive: Integers, pair: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Directions even over the cones in which spheres are seen: direction, distance and clearance."""
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Directions even over the cones in which spheres are seen; returns what `_sample_triangles` does."""
     sphere = _spheres(tables, instance, primitive)
     radii = tables.geometry.radii[sphere]
     offset = tables.geometry.centres[sphere] - positions
@@ -152,8 +154,8 @@ def _sample_spheres(
     distance = distance_to_sphere(offset, radii, direction)
     distance = np.where(np.isinf(distance), dot(offset, direction), distance)
     cosine = np.abs(dot(direction, offset - distance[:, np.newaxis] * direction)) / radii
-    error = INTERPOLATION_ERROR * (length(tables.geometry.centres[sphere]) + length(positions)) + CASTER_ERROR * radii
-    return direction, distance, 2.0 * error / np.maximum(cosine, np.sqrt(np.finfo(np.float64).eps))
+    error = INTERPOLATION_ERROR * length(tables.geometry.centres[sphere]) + CASTER_ERROR * radii
+    return direction, distance, cosine, error
 
 
 def emitter_density(

@@ -10,8 +10,7 @@ so that light arriving through sampled surface reflection can be weighed against
 of the geometry: they stop no ray, and no ray stops at them. Lamps without extent are reached by `sample` only.
 
 Units and conventions are those of Blender's Cycles (intern/cycles/scene/light.cpp and kernel/light/*.h): a point lamp
-of P watts has the radiant intensity P / (4 pi); an area lamp the radiance P / (4 A), which is pi/4 of what a physical
-Lambertian emitter of that power would have.
+of P watts has the radiant intensity P / (4 pi), an area lamp of area A the radiance P / (pi A), a sun its irradiance.
 Imports `lecture`, `frames`, `light_shapes`, `sampling`, `scene`.
 """
 
@@ -275,8 +274,8 @@ def _tangent_excess(angle: float) -> float:
 
 
 def _area_radiance(light: AreaLight, cosine: Floats) -> Floats:
-    """P / (4 A), dimmed by the spread: (n, 3)."""
-    return light.power / (4.0 * _area_of(light)) * area_spread_factor(light, cosine)[:, np.newaxis]
+    """P / (pi A), dimmed by the spread: (n, 3)."""
+    return light.power / (np.pi * _area_of(light)) * area_spread_factor(light, cosine)[:, np.newaxis]
 
 
 def _visible_part(light: AreaLight, positions: Floats) -> tuple[Floats, Floats, Floats]:
@@ -343,13 +342,13 @@ def _area_density(
 
 
 def _sample_parallel_area(light: AreaLight, positions: Floats) -> LightSamples:
-    """A spread of 0: parallel light along the axis, irradiance pi P / (4 A) where the point lies below the lamp."""
+    """A spread of 0: parallel light along the axis, irradiance P / A where the point lies below the lamp."""
     u, v, axis = _area_axes(light)
     offset = positions - light.position
     local = np.stack([dot(offset, u) / length(light.axis_u), dot(offset, v) / length(light.axis_v)], axis=1)
     inside = (np.abs(local) <= 0.5).all(axis=1) if light.shape == "rectangle" else (local**2).sum(axis=1) <= 0.25
     height = dot(offset, axis)
-    irradiance = np.where((inside & (height > 0))[:, np.newaxis], np.pi * light.power / (4.0 * _area_of(light)), 0.0)
+    irradiance = np.where((inside & (height > 0))[:, np.newaxis], light.power / _area_of(light), 0.0)
     return _without_extent(np.broadcast_to(-axis, positions.shape), height, irradiance)
 
 

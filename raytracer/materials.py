@@ -46,6 +46,9 @@ SMALLEST_WEIGHT = 1e-5
 # Cycles' limit on the reflectance that a specular level may ask for; above it the index of refraction runs to infinity.
 LARGEST_REFLECTANCE = 0.99
 
+# A rough lobe is picked at least so often, as a share of its weight.
+SMALLEST_PICK = 2.0**-6
+
 PARAMETERS = tuple(field.name for field in dataclasses.fields(Closure) if field.name != "kind")
 Rows = NDArray[np.int64]
 
@@ -388,8 +391,7 @@ def _make_lobes(
         transmission,
         albedo=np.ones(len(points.rows)),
     )
-    reflected, passed = evaluate_fresnel(lobes, cosine)
-    lobes = dataclasses.replace(lobes, albedo=(reflected + passed).mean(axis=1))
+    lobes = dataclasses.replace(lobes, albedo=_estimate_albedo(lobes, cosine))
     rough = np.flatnonzero(~lobes.is_perfect)
     if mean_color is None or not len(rough):
         return lobes
@@ -400,6 +402,19 @@ def _make_lobes(
     scaled = weight.copy()
     scaled[rough] *= compensate(share, mean, np.minimum(mean_color[rough], 1.0))
     return dataclasses.replace(lobes, weight=scaled)
+
+
+def _estimate_albedo(lobes: Microfacets, cosine: Floats) -> Floats:
+    """Return about how much light (m,) each lobe sends on, by which one of them is picked.
+
+    The estimate is that of a smooth surface. Rough lobes keep a small share where that is black, for some of their
+    facets are met at other angles; refraction keeps its full share in total reflection.
+    """
+    reflected, passed = evaluate_fresnel(lobes, cosine)
+    tints = (lobes.reflection + lobes.transmission).mean(axis=1)
+    smooth = (reflected + passed).mean(axis=1)
+    smooth = np.where(lobes.fresnel == CONSTANT, tints, smooth)
+    return np.where(lobes.is_perfect, smooth, np.maximum(smooth, SMALLEST_PICK * tints))
 
 
 SCATTERING: dict[str, Callable[[Closures, _Points], list[Microfacets]]] = {

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.frames import make_frame, normalize, reflect
+from raytracer.frames import make_frame, normalize, reflect, to_world
 from raytracer.lecture import dot
 from raytracer.rays import Booleans, Floats
 
@@ -173,8 +173,12 @@ def sample_visible_normals(local_outgoing: Floats, alpha: Floats, pair: Floats) 
 
 
 def _half_vectors(lobes: Microfacets, outgoing: Floats, incoming: Floats, passes: Booleans) -> Floats:
-    """Return the facet normals, on the side of the surface normal, that take `outgoing` to `incoming`: (m, 3)."""
-    bent = -(lobes.eta[:, np.newaxis] * incoming + outgoing)
+    """Return the facet normals (m, 3) that take `outgoing` to `incoming`: along o + i, or +-(o + eta i) for refraction.
+
+    By Snell's law o + eta i points to the side with the higher index of refraction; facets are turned to the viewer.
+    """
+    sign = np.where(lobes.eta > 1.0, -1.0, 1.0)[:, np.newaxis]
+    bent = sign * (lobes.eta[:, np.newaxis] * incoming + outgoing)
     halfway: Floats = np.where(passes[:, np.newaxis], bent, incoming + outgoing)
     return normalize(halfway)
 
@@ -197,7 +201,7 @@ def evaluate_microfacets(
     half = _half_vectors(lobes, outgoing, incoming, passes)
     cos_half_out, cos_half_in = dot(half, outgoing), dot(half, incoming)
     possible = (cos_out > 0) & (cos_in != 0) & (cos_half_out > 0) & ((cos_half_in < 0) == passes) & ~lobes.is_perfect
-    possible &= ~passes | (np.abs(lobes.eta - 1.0) >= SMALLEST_ETA_STEP)
+    possible &= (dot(lobes.normal, half) > 0) & (~passes | (np.abs(lobes.eta - 1.0) >= SMALLEST_ETA_STEP))
     reflectance, transmittance = evaluate_fresnel(lobes, np.clip(cos_half_out, 0.0, 1.0))
     span = lobes.eta[:, np.newaxis] * incoming + outgoing
     bend = lobes.eta**2 * np.abs(cos_half_out * cos_half_in) / np.where(passes & possible, dot(span, span), 1.0)
@@ -268,8 +272,7 @@ def _sample_half_vectors(lobes: Microfacets, outgoing: Floats, pair: Floats) -> 
         u, v = make_frame(normal)
         local_view = np.stack([dot(u, view), dot(v, view), dot(normal, view)], axis=1)
         facet = sample_visible_normals(local_view, lobes.alpha[rough], pair[rough])
-        world: Floats = facet[:, 0:1] * u + facet[:, 1:2] * v + facet[:, 2:3] * normal
-        half[rough] = normalize(world)
+        half[rough] = normalize(to_world(facet, normal))
     return half
 
 
