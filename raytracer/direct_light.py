@@ -14,11 +14,13 @@ from functools import partial
 import numpy as np
 
 from raytracer.accelerate import Caster
+from raytracer.closures import Shading
 from raytracer.emitters import Emitters, sample_emitters
 from raytracer.frames import to_world
 from raytracer.lecture import dot
-from raytracer.lights import LightSamples, sample_light
-from raytracer.materials import MaterialTable, Shading
+from raytracer.light_shapes import LightSamples
+from raytracer.lights import sample_light
+from raytracer.materials import MaterialTable
 from raytracer.rays import Booleans, Floats, Rays, Surface
 from raytracer.sampling import PixelSamples, sample_cosine_hemisphere
 from raytracer.scatter import evaluate_scattering, power_heuristic

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from raytracer.accelerate.geometry import world_corners
 from raytracer.frames import normalize
 from raytracer.lecture import cross, dot, length
-from raytracer.light_shapes import distance_to_sphere, sample_sphere_directions, sphere_density
-from raytracer.lights import LightSamples
+from raytracer.light_shapes import LightSamples, distance_to_sphere, sample_sphere_directions, sphere_density
 from raytracer.rays import Floats, Integers, Surface
 from raytracer.surface import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate
 

@@ -1,4 +1,4 @@
-"""Sampling the shapes that shine: cones, spheres and rectangles, seen from a point.
+"""What lights send to points, and sampling the shapes that shine: cones, spheres and rectangles, seen from a point.
 
 Directions are taken evenly over the solid angle, which keeps the noise of a diffuse surface to that of its cosine.
 Imports `lecture`, `frames`, `rays`.
@@ -11,6 +11,8 @@ C. Urena, M. Fajardo, A. King, "An Area-Preserving Parametrization for Spherical
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from raytracer.frames import normalize, to_world
@@ -20,6 +22,55 @@ from raytracer.rays import Booleans, Floats
 # Below this solid angle a rectangle is sampled evenly on its area: its solid angle is a difference of angles of order 1
 # and would keep fewer than 40 bits, while cos / distance^2 hardly changes over so small a rectangle.
 SMALL_SOLID_ANGLE = 2.0**-12
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LightSamples:
+    """One direction towards a light for each of n points.
+
+    direction : (n, 3) float64, unit, from the point to the light
+    distance : (n,) float64, metres, how far a shadow ray has to go; inf for a sun
+    weight : (n, 3) float64, radiance / density; for a lamp without extent the irradiance on a plane that faces it
+    density : (n,) float64, per solid angle; inf for a lamp without extent, 0 where nothing was sampled
+    """
+
+    direction: Floats
+    distance: Floats
+    weight: Floats
+    density: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LightHits:
+    """What n rays see of a lamp.
+
+    distance : (n,) float64, metres, to the lamp; inf for a sun and where the lamp is missed
+    radiance : (n, 3) float64, 0 where the lamp is missed
+    density : (n,) float64, with which `sample` would have taken this direction, per solid angle; 0 where missed
+    """
+
+    distance: Floats
+    radiance: Floats
+    density: Floats
+
+
+def miss_where(missed: Booleans, distance: Floats, radiance: Floats, density: Floats) -> LightHits:
+    return LightHits(
+        np.where(missed, np.inf, distance),
+        np.where(missed[:, np.newaxis], 0.0, radiance),
+        np.where(missed, 0.0, density),
+    )
+
+
+def without_extent(direction: Floats, distance: Floats, irradiance: Floats) -> LightSamples:
+    lit = (irradiance > 0).any(axis=1)
+    return LightSamples(direction, distance, irradiance, np.where(lit, np.inf, 0.0))
+
+
+def divide_rows(numerator: Floats, denominator: Floats) -> Floats:
+    """numerator / denominator by rows, 0 where the denominator is 0 (the point lies on the lamp itself)."""
+    denominator = denominator.reshape(-1, *(1,) * (numerator.ndim - 1))
+    return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=denominator > 0)
 
 
 def sample_cone(axis: Floats, versine: Floats, pair: Floats) -> Floats:

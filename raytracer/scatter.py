@@ -3,7 +3,7 @@
 The direct-light integrator follows mirrors, glass and straight passages, but no diffuse reflection. So a point's
 options are its passage (transparency) and its microfacet lobes; one is taken at random, in proportion to the light it
 sends on.
-Imports `lecture`, `materials`, `microfacet`, `rays`.
+Imports `lecture`, `closures`, `microfacet`, `rays`.
 
 References
 ----------
@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.closures import Shading
 from raytracer.lecture import dot
-from raytracer.materials import Shading
 from raytracer.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
 from raytracer.rays import Booleans, Floats
 

@@ -178,7 +178,7 @@ def _triangle_points(
     a, b, c = corners
     position = interpolate(weights, *corners)
     magnitude = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(c))
-    size = np.maximum(length(b - a), length(c - a))
+    size = 2.0 * np.maximum(np.abs(b - a), np.abs(c - a)).max(axis=1)  # above the length of either edge
     error = INTERPOLATION_ERROR * length(magnitude) + CASTER_ERROR * size
     # Edges are scaled before their product, which would underflow for triangles below 1e-160.
     scale = np.where(size > 0, size, 1.0)[:, np.newaxis]

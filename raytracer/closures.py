@@ -1,0 +1,350 @@
+"""Blender's shader nodes as sums of lobes.
+
+Each function takes closures of one kind, one per hit, and turns them into what they are made of: it adds to the
+diffuse albedo of the hits and returns microfacet lobes. Radiance and transparency, which need no direction, are summed
+where the table of materials is made (`materials`).
+Imports `microfacet`, `microfacet_albedo`, `rays`, `scene`.
+
+References
+----------
+Blender, intern/cycles/kernel/svm/closure.h: how the nodes are layered.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.lecture import dot
+from raytracer.microfacet import (
+    CONSTANT,
+    DIELECTRIC,
+    METAL,
+    Microfacets,
+    evaluate_fresnel,
+    metal_coefficient,
+    normal_reflectance,
+    tilt_to_reflect,
+)
+from raytracer.microfacet_albedo import (
+    compensate,
+    mean_dielectric_reflectance,
+    read_glass,
+    read_reflection,
+    read_schlick_share,
+)
+from raytracer.rays import Floats
+from raytracer.scene import Closure
+
+# Cycles drops closures of a smaller weight.
+SMALLEST_WEIGHT = 1e-5
+# Cycles' limit on the reflectance that a specular level may ask for; above it the index of refraction runs to infinity.
+LARGEST_REFLECTANCE = 0.99
+
+# A rough lobe is picked at least so often, as a share of its weight.
+SMALLEST_PICK = 2.0**-6
+
+PARAMETERS = tuple(field.name for field in dataclasses.fields(Closure) if field.name != "kind")
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Closures:
+    """n closures of one kind: Closure's fields as arrays, (n,), or (n, 3) for colours."""
+
+    color: Floats
+    weight: Floats
+    roughness: Floats
+    ior: Floats
+    metallic: Floats
+    transmission: Floats
+    specular: Floats
+    specular_tint: Floats
+    emission: Floats
+    alpha: Floats
+
+    def select(self, rows: Any) -> Closures:
+        """Return some of the closures: index or boolean array."""
+        return Closures(*(getattr(self, name)[rows] for name in PARAMETERS))
+
+
+def pack_closures(closures: list[Closure]) -> Closures:
+    """Stack Closure records of any kinds into arrays."""
+    return Closures(*(np.array([getattr(item, name) for item in closures], dtype=np.float64) for name in PARAMETERS))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shading:
+    """What n points of a surface do with light.
+
+    normal, geometric_normal : (n, 3) float64, unit, turned to the side that the ray came from
+    outgoing : (n, 3) float64, unit, towards where the ray came from
+    radiance : (n, 3) float64, that the surface shines with
+    transparency : (n, 3) float64, share of light that passes straight through
+    diffuse : (n, 3) float64, albedo of the Lambertian part, f = diffuse / pi
+    lobes : microfacet lobes, each for some of the points
+    """
+
+    normal: Floats
+    geometric_normal: Floats
+    outgoing: Floats
+    radiance: Floats
+    transparency: Floats
+    diffuse: Floats
+    lobes: tuple[Microfacets, ...]
+
+    def __len__(self) -> int:
+        return len(self.normal)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Points:
+    """Where closures of one kind stand: rows (k,) of the batch, and the side the ray came from."""
+
+    rows: Rows
+    front: NDArray[np.bool_]
+    shading: Shading
+
+    def select(self, part: NDArray[np.bool_]) -> Points:
+        return Points(self.rows[part], self.front[part], self.shading)
+
+    def specular_normal(self) -> tuple[Floats, Floats]:
+        """Return the normals (k, 3) of microfacet lobes and the cosine (k,) of the view against them."""
+        shading, rows = self.shading, self.rows
+        outgoing = shading.outgoing[rows]
+        normal = tilt_to_reflect(shading.normal[rows], shading.geometric_normal[rows], outgoing)
+        return normal, dot(normal, outgoing)
+
+    def relative_ior(self, ior: Floats) -> Floats:
+        """Return the index of refraction behind the surface over that before it: 1 / ior from inside."""
+        return np.where(self.front, ior, 1.0 / ior)
+
+
+def _add_diffuse(closures: Closures, points: Points) -> list[Microfacets]:
+    points.shading.diffuse[points.rows] += closures.weight[:, np.newaxis] * closures.color
+    return []
+
+
+def _add_glossy(closures: Closures, points: Points) -> list[Microfacets]:
+    """GGX that reflects its colour from every facet, whatever the angle."""
+    white = np.ones_like(closures.color)
+    lobes = _make_lobes(
+        points,
+        closures.weight[:, np.newaxis] * closures.color,
+        closures.roughness,
+        np.ones(len(points.rows)),
+        CONSTANT,
+        white,
+        np.zeros_like(white),
+        white,
+        np.zeros_like(white),
+        mean_color=closures.color,
+    )
+    return [lobes]
+
+
+def _add_glass(closures: Closures, points: Points) -> list[Microfacets]:
+    """Reflection and refraction with the colour on both, as Fresnel's formulas share them out."""
+    f0 = np.repeat(normal_reflectance(closures.ior)[:, np.newaxis], 3, axis=1)
+    lobes = _make_lobes(
+        points,
+        np.repeat(closures.weight[:, np.newaxis], 3, axis=1),
+        closures.roughness,
+        points.relative_ior(closures.ior),
+        DIELECTRIC,
+        f0,
+        np.zeros_like(f0),
+        closures.color,
+        closures.color,
+        mean_color=closures.color,
+    )
+    return [lobes]
+
+
+def _add_refraction(closures: Closures, points: Points) -> list[Microfacets]:
+    """Refraction of all the light, but for total reflection, without compensation for further bounces, as in Cycles."""
+    white = np.ones_like(closures.color)
+    lobes = _make_lobes(
+        points,
+        closures.weight[:, np.newaxis] * closures.color,
+        closures.roughness,
+        points.relative_ior(closures.ior),
+        CONSTANT,
+        white,
+        np.zeros_like(white),
+        np.zeros_like(white),
+        white,
+        mean_color=None,
+    )
+    return [lobes]
+
+
+def _add_principled(closures: Closures, points: Points) -> list[Microfacets]:
+    """Layers from the top: what alpha lets through, metal, glass, a dielectric coat over a diffuse base."""
+    weight = np.repeat((closures.weight * closures.alpha)[:, np.newaxis], 3, axis=1)
+    lobes = [_principled_metal(closures, points, weight)]
+    weight = weight * (1.0 - closures.metallic)[:, np.newaxis]
+    lobes.append(_principled_glass(closures, points, weight))
+    weight = weight * (1.0 - closures.transmission)[:, np.newaxis]
+    specular, under = _principled_specular(closures, points, weight)
+    points.shading.diffuse[points.rows] += under * closures.color
+    return [*lobes, specular]
+
+
+def _principled_metal(closures: Closures, points: Points, weight: Floats) -> Microfacets:
+    """Reflectance from the base colour at normal incidence to white at the border, tinted at 82 degrees."""
+    part = (closures.metallic > SMALLEST_WEIGHT) & (weight > 0).any(axis=1)
+    closures, weight = closures.select(part), weight[part]
+    f0 = np.minimum(closures.color, 1.0)
+    f82 = metal_coefficient(f0, np.minimum(closures.specular_tint, 1.0))
+    mean = f0 + (1.0 - f0) / 21.0 - f82 / 126.0  # 2 integral_0^1 F(c) c dc
+    white = np.ones_like(f0)
+    return _make_lobes(
+        points.select(part),
+        weight * closures.metallic[:, np.newaxis],
+        closures.roughness,
+        white[:, 0],
+        METAL,
+        f0,
+        f82,
+        white,
+        np.zeros_like(white),
+        mean_color=mean,
+    )
+
+
+def _principled_glass(closures: Closures, points: Points, weight: Floats) -> Microfacets:
+    """Glass whose base colour tints each passage by its square root, so that a solid has it once."""
+    part = (closures.transmission > SMALLEST_WEIGHT) & (weight > 0).any(axis=1)
+    closures, points, weight = closures.select(part), points.select(part), weight[part]
+    tint = np.sqrt(np.minimum(closures.color, 1.0))
+    f0 = np.minimum(normal_reflectance(closures.ior)[:, np.newaxis] * closures.specular_tint, 1.0)
+    return _make_lobes(
+        points,
+        weight * closures.transmission[:, np.newaxis],
+        closures.roughness,
+        points.relative_ior(closures.ior),
+        DIELECTRIC,
+        f0,
+        np.zeros_like(f0),
+        np.ones_like(f0),
+        tint,
+        mean_color=tint,
+    )
+
+
+def _principled_specular(closures: Closures, points: Points, weight: Floats) -> tuple[Microfacets, Floats]:
+    """Return the dielectric reflection on top, and the weight (k, 3) left for what lies under it."""
+    eta, f0 = _specular_level(closures.ior, closures.specular)
+    part = (eta != 1.0) & (weight > 0).any(axis=1)
+    closures, points = closures.select(part), points.select(part)
+    under = weight.copy()
+    weight, eta = weight[part], eta[part]
+    tinted = np.minimum(f0[part, np.newaxis] * closures.specular_tint, 1.0)
+    plain = normal_reflectance(eta)
+    rise = np.clip((mean_dielectric_reflectance(eta) - plain) / (1.0 - plain), 0.0, 1.0)[:, np.newaxis]
+    white = np.ones_like(tinted)
+    lobes = _make_lobes(
+        points,
+        weight,
+        closures.roughness,
+        eta,
+        DIELECTRIC,
+        tinted,
+        np.zeros_like(tinted),
+        white,
+        np.zeros_like(tinted),
+        mean_color=tinted + (1.0 - tinted) * rise,
+    )
+    cosine = np.clip(dot(lobes.normal, points.shading.outgoing[points.rows]), 0.0, 1.0)
+    share = read_schlick_share(closures.roughness, cosine, eta)[:, np.newaxis]
+    single = np.ones_like(share)
+    rough = np.flatnonzero(~lobes.is_perfect)
+    if len(rough):
+        single[rough, 0] = read_reflection(closures.roughness[rough], cosine[rough])[0]
+    # What the lobe sends on: its weight holds the factor for further bounces, which the mean over facets does not.
+    albedo = (
+        (tinted + (1.0 - tinted) * share)
+        * single
+        * np.divide(lobes.weight, weight, out=np.ones_like(weight), where=weight > 0)
+    )
+    under[part] = weight * np.clip(1.0 - albedo.max(axis=1, keepdims=True), 0.0, 1.0)
+    return lobes, under
+
+
+def _specular_level(ior: Floats, level: Floats) -> tuple[Floats, Floats]:
+    """Return the index of refraction and the reflectance at normal incidence of Blender's Specular IOR Level, which
+    scales the latter by twice the level."""
+    f0 = normal_reflectance(ior) * 2.0 * level
+    root = np.sqrt(np.minimum(f0, LARGEST_REFLECTANCE))
+    eta = (1.0 + root) / (1.0 - root)
+    eta = np.where(ior < 1.0, 1.0 / eta, eta)
+    return np.where(level == 0.5, ior, eta), f0
+
+
+def _make_lobes(
+    points: Points,
+    weight: Floats,
+    roughness: Floats,
+    eta: Floats,
+    fresnel: int,
+    f0: Floats,
+    f82: Floats,
+    reflection: Floats,
+    transmission: Floats,
+    mean_color: Floats | None,
+) -> Microfacets:
+    """Return lobes whose weight includes the bounces after the first, of colour `mean_color`; None leaves them out."""
+    normal, cosine = points.specular_normal()
+    cosine = np.clip(cosine, 0.0, 1.0)
+    lobes = Microfacets(
+        points.rows,
+        weight,
+        normal,
+        roughness * roughness,
+        eta,
+        np.full(len(points.rows), fresnel, dtype=np.int8),
+        f0,
+        f82,
+        reflection,
+        transmission,
+        albedo=np.ones(len(points.rows)),
+    )
+    lobes = dataclasses.replace(lobes, albedo=_estimate_albedo(lobes, cosine))
+    rough = np.flatnonzero(~lobes.is_perfect)
+    if mean_color is None or not len(rough):
+        return lobes
+    if fresnel == DIELECTRIC and (transmission > 0).any():
+        share, mean = read_glass(roughness[rough], cosine[rough], eta[rough])
+    else:
+        share, mean = read_reflection(roughness[rough], cosine[rough])
+    scaled = weight.copy()
+    scaled[rough] *= compensate(share, mean, np.minimum(mean_color[rough], 1.0))
+    return dataclasses.replace(lobes, weight=scaled)
+
+
+def _estimate_albedo(lobes: Microfacets, cosine: Floats) -> Floats:
+    """Return about how much light (m,) each lobe sends on, by which one of them is picked.
+
+    The estimate is that of a smooth surface. Rough lobes keep a small share where that is black, for some of their
+    facets are met at other angles; refraction keeps its full share in total reflection.
+    """
+    reflected, passed = evaluate_fresnel(lobes, cosine)
+    tints = (lobes.reflection + lobes.transmission).mean(axis=1)
+    smooth = (reflected + passed).mean(axis=1)
+    smooth = np.where(lobes.fresnel == CONSTANT, tints, smooth)
+    return np.where(lobes.is_perfect, smooth, np.maximum(smooth, SMALLEST_PICK * tints))
+
+
+SCATTERING: dict[str, Callable[[Closures, Points], list[Microfacets]]] = {
+    "principled": _add_principled,
+    "diffuse": _add_diffuse,
+    "glossy": _add_glossy,
+    "glass": _add_glass,
+    "refraction": _add_refraction,
+}

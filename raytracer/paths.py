@@ -1,0 +1,135 @@
+"""Paths of rays on their way through the scene, and the record of what they have seen.
+
+Imports `lecture`, `film`, `closures`, `rays`, `scatter`, `surface`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.closures import Shading
+from raytracer.direct_light import MAX_PASSAGES
+from raytracer.film import PASSES
+from raytracer.lecture import length
+from raytracer.rays import Booleans, Floats, Hits, Rays, Surface
+from raytracer.scatter import Continuation
+from raytracer.settings import Settings
+from raytracer.surface import spawn_origin
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Paths:
+    """k rays on their way, each the last stretch of a path.
+
+    row : (k,) int64, the ray of the batch that the path began with
+    rays : their directions are unit vectors from the second stretch on
+    throughput : (k, 3) float64, what the light from here counts
+    direct : (k,) bool, True where the path has gone straight so far, as the camera sees
+    scatterings, passages : (k,) int64, how often it was reflected or refracted, or went straight through
+    scatter_origin, scatter_normal : (k, 3) float64, where it was scattered last, which light sampling was done from
+    density : (k,) float64, with which it was scattered into this direction; inf where light sampling could not
+    travelled : (k,) float64, metres from scatter_origin to the origin of this stretch
+    """
+
+    row: NDArray[np.int64]
+    rays: Rays
+    throughput: Floats
+    direct: Booleans
+    scatterings: NDArray[np.int64]
+    passages: NDArray[np.int64]
+    scatter_origin: Floats
+    scatter_normal: Floats
+    density: Floats
+    travelled: Floats
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def select(self, rows: Any) -> Paths:
+        """Return some of the paths: index or boolean array."""
+        return Paths(
+            self.row[rows],
+            self.rays.select(rows),
+            self.throughput[rows],
+            self.direct[rows],
+            self.scatterings[rows],
+            self.passages[rows],
+            self.scatter_origin[rows],
+            self.scatter_normal[rows],
+            self.density[rows],
+            self.travelled[rows],
+        )
+
+
+def start_paths(rays: Rays) -> Paths:
+    """Return the paths that begin with camera rays."""
+    count = len(rays)
+    return Paths(
+        row=np.arange(count),
+        rays=rays,
+        throughput=np.ones((count, 3)),
+        direct=np.ones(count, dtype=np.bool_),
+        scatterings=np.zeros(count, dtype=np.int64),
+        passages=np.zeros(count, dtype=np.int64),
+        scatter_origin=rays.origins,
+        scatter_normal=np.zeros((count, 3)),
+        density=np.full(count, np.inf),
+        travelled=np.zeros(count),
+    )
+
+
+@dataclass(eq=False)
+class Record:
+    """What n rays have seen so far, pass by pass.
+
+    depth_unit : (n,) float64, metres along the ray for a metre of depth
+    settled : (n,) bool, True where the surface that Depth, Normal and so on describe is found
+    background : (n,) float64, share of the ray that reached a background which is not part of the picture
+    """
+
+    passes: dict[str, Floats]
+    depth_unit: Floats
+    settled: Booleans
+    background: Floats
+
+    def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
+        """Add to a pass, if it is asked for; each ray at most once a call."""
+        if name in self.passes:
+            self.passes[name][row] += values
+
+    def set(self, name: str, row: NDArray[np.int64], values: Any) -> None:
+        """Overwrite a pass, if it is asked for."""
+        if name in self.passes:
+            self.passes[name][row] = np.reshape(values, (len(row), PASSES[name].channels))
+
+
+def start_record(settings: Settings, rays: Rays) -> Record:
+    """Return the record of camera rays that have seen nothing."""
+    count = len(rays)
+    passes = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in settings.passes}
+    return Record(passes, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count))
+
+
+def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: Continuation) -> Paths:
+    """Return the paths that go on, at the start of their next stretch."""
+    alive = np.flatnonzero(way.alive & (paths.passages + way.passes <= MAX_PASSAGES))
+    old, direction, passes = paths.select(alive), way.direction[alive], way.passes[alive]
+    surface, count = surface.select(alive), len(alive)
+    stretch = hits.distance[alive] * length(old.rays.directions)
+    scattered = ~passes[:, np.newaxis]
+    return replace(
+        old,
+        rays=Rays(spawn_origin(surface, direction), direction, np.zeros(count), np.full(count, np.inf)),
+        throughput=old.throughput * way.weight[alive],
+        direct=old.direct & passes,
+        scatterings=old.scatterings + ~passes,
+        passages=old.passages + passes,
+        scatter_origin=np.where(scattered, surface.position, old.scatter_origin),
+        scatter_normal=np.where(scattered, shading.normal[alive], old.scatter_normal),
+        density=np.where(passes, old.density, way.density[alive]),
+        travelled=np.where(passes, old.travelled + stretch, 0.0),
+    )
