@@ -65,7 +65,8 @@ def triangle_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c
         refined = t + correction
         determinants = _DETERMINANT_BOUND * (numerator_permanent + 2 * np.abs(t) * denominator_permanent)
         error = _half_ulp(refined) + (determinants / np.abs(denominator[0]) + 8 * UNIT_ROUNDOFF * np.abs(correction))
-    usable = _in_range(denominator_permanent, origin, direction, a, b, c) & np.isfinite(error)
+    smallest = np.minimum(numerator_permanent, denominator_permanent)
+    usable = _in_range(smallest, origin, direction, a, b, c) & np.isfinite(error)
     return refined, np.where(usable, error * (1 + 8 * UNIT_ROUNDOFF), np.inf)
 
 
