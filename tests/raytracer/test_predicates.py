@@ -87,6 +87,21 @@ def test_plane_distance_is_within_its_bound(rng, size, flatness):
     assert bounded > origin.shape[1] or size == 1e-100
 
 
+@pytest.mark.parametrize(("size", "flatness"), CASES)
+def test_denominator_is_within_its_bound(rng, size, flatness):
+    origin, direction, corners = make_cases(rng, size, flatness)
+    sides = corners[1:] - corners[0]
+    plane = predicates.intersect_plane_certified(direction, corners[0] - origin, *sides)
+    shares = []
+    for k in np.flatnonzero(np.isfinite(plane.denominator_error)):
+        normal = exact_cross(*(exact_minus(corners[i, :, k], corners[0, :, k]) for i in (1, 2)))
+        true = exact_dot(as_fractions(direction[:, k]), normal)
+        off = abs(Fraction(float(plane.denominator[k])) - true)
+        shares.append(float(off / Fraction(float(plane.denominator_error[k]))))
+    assert max(shares) <= 1
+    assert max(shares) > 1 / 64
+
+
 def exact_plane_distance(origin, direction, corners):
     normal = exact_cross(exact_minus(corners[1], corners[0]), exact_minus(corners[2], corners[0]))
     return exact_dot(exact_minus(corners[0], origin), normal) / exact_dot(as_fractions(direction), normal)
@@ -127,6 +142,24 @@ def test_sphere_roots_are_within_their_bounds(rng, distance, radius):
                 certain += 1
                 assert_within(float(t), float(error), root, heading_exponent - exponent)
     assert certain > 2 * count
+
+
+@pytest.mark.parametrize("distance", [1.0, 1e4, 1e8])
+def test_discriminant_is_within_its_bound(rng, distance):
+    origin, centre = rng.normal(size=(3, 200)) * distance, rng.normal(size=(3, 200))
+    radius = rng.random(200) + 0.1
+    direction = centre + radius * rng.normal(size=(3, 200)) / 2 - origin
+    to_centre = centre - origin
+    roots = predicates.intersect_sphere_certified(direction, to_centre, radius)
+    shares = []
+    for k in range(200):
+        away, d = exact_minus(centre[:, k], origin[:, k]), as_fractions(direction[:, k])
+        offset = exact_cross(away, d)
+        true = Fraction(float(radius[k])) ** 2 * exact_dot(d, d) - exact_dot(offset, offset)
+        off = abs(Fraction(float(roots.discriminant[k])) - true)
+        shares.append(float(off / Fraction(float(roots.discriminant_error[k]))))
+    assert max(shares) <= 1
+    assert max(shares) > 1 / 64
 
 
 def assert_within(t, error, root, exponent):
