@@ -121,9 +121,9 @@ def pool_variance(variance: Floats, side: int) -> Floats:
     """
     reach = side // 2
     height, width = variance.shape[:2]
-    padded = np.pad(variance, ((reach, reach), (reach, reach), (0, 0)), mode="symmetric" if reach else "edge")
-    rows = sum(padded[row : row + height] for row in range(side))
-    total = sum(rows[:, column : column + width] for column in range(side))
+    padded = np.pad(variance, ((reach, reach), (reach, reach), (0, 0)), mode="symmetric")
+    rows = np.sum([padded[row : row + height] for row in range(side)], axis=0)
+    total = np.sum([rows[:, column : column + width] for column in range(side)], axis=0)
     return np.maximum(variance, total / side**2)
 
 

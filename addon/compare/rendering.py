@@ -69,7 +69,7 @@ class Request:
     """What both engines shall render.
 
     samples : per pixel and batch; seed : of the first batch, the next ones count up; batches : independent renders
-    filter_width : side of the box pixel filter, in pixels
+    pixel_filter : 'BOX', one pixel wide whatever the width (Cycles' is), or 'BLACKMAN_HARRIS' of `filter_width` pixels
     max_bounces : of reflection, refraction and transparency; neither engine follows diffuse bounces
     """
 
@@ -79,6 +79,7 @@ class Request:
     max_bounces: int
     batches: int = 1
     seed: int = 0
+    pixel_filter: str = "BOX"
     filter_width: float = 1.0
     passes: tuple[str, ...] = ("Combined",)
 
@@ -131,14 +132,14 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         "diffuse_bounces": 0,
         "volume_bounces": 0,
         "samples": request.samples,
-        "pixel_filter_type": "BOX",
+        "pixel_filter_type": request.pixel_filter,
         "filter_width": request.filter_width,
     }
     ours = {
         "samples": request.samples,
         "max_bounces": bounces,
         "workers": 1,
-        "pixel_filter": "BOX",
+        "pixel_filter": request.pixel_filter,
         "filter_width": request.filter_width,
     }
     size = {"resolution_x": request.width, "resolution_y": request.height}
