@@ -89,6 +89,19 @@ def test_border_shows_the_same_pixels_as_the_whole_picture(stage: Any, tmp_path:
     np.testing.assert_array_equal(cropped, whole[top:bottom, left:right])
 
 
+@pytest.mark.parametrize("tenths", [(1, 7), (3, 6), (2, 9)])
+def test_border_at_a_pixel_edge_is_cut_off_as_blender_does(stage: Any, tmp_path: Path, tenths: Any) -> None:
+    add_noise_source(stage)
+    render = stage.render
+    render.resolution_x, render.resolution_y = 20, 10
+    whole = render_pass(stage, tmp_path / "whole.exr")
+    render.use_border = render.use_crop_to_border = True
+    render.border_min_x, render.border_max_x = render.border_min_y, render.border_max_y = np.array(tenths) / 10
+    cropped = render_pass(stage, tmp_path / "crop.exr")
+    low, high = tenths
+    np.testing.assert_array_equal(cropped, whole[10 - high : 10 - low, 2 * low : 2 * high])
+
+
 def add_noise_source(stage: Any) -> None:
     """Make neighbouring pixels differ: a striped plane finer than a pixel behind the others."""
     for index in range(60):
@@ -112,7 +125,9 @@ def test_view_layers_show_their_own_collections(stage: Any, tmp_path: Path) -> N
     red[: HEIGHT // 2, WIDTH // 2 :] = (0.0, 0.0, 0.0, 1.0)
     np.testing.assert_array_equal(select_pass(channels, "Combined", "Red only"), red)
     np.testing.assert_array_equal(select_pass(channels, "Combined", "Both"), both)
-    assert last_render(stage).triangles == 4  # of the larger layer, not the sum
+    statistics = last_render(stage)
+    assert statistics.triangles == 4  # of the larger layer, not the sum
+    assert statistics.rays >= 2 * WIDTH * HEIGHT * stage.reference_raytracer.samples  # of both layers
 
 
 def test_passes_reach_the_layers_that_ask_for_them(stage: Any, tmp_path: Path) -> None:

@@ -141,6 +141,8 @@ def test_passes_panel_switches_what_the_engine_reads(empty_scene: Any, registere
     for name in PASSES:
         enable_passes(layer, (name,))
         assert enabled_passes(layer) == tuple(dict.fromkeys(("Combined", name)))
+    layer.use_pass_combined = False  # as a file of another engine may have it; Blender keeps the pass all the same
+    assert "Combined" in enabled_passes(layer)
 
 
 @pytest.mark.parametrize("kind", ["POINT", "SUN", "SPOT", "AREA"])
