@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raytracer.accelerate import Caster
 from raytracer.closures import Shading
@@ -21,7 +22,7 @@ from raytracer.lecture import dot
 from raytracer.light_shapes import LightSamples
 from raytracer.lights import sample_light
 from raytracer.materials import MaterialTable
-from raytracer.rays import Booleans, Floats, Rays, Surface
+from raytracer.rays import Booleans, Floats, Rays, Surface, join_rays
 from raytracer.sampling import PixelSamples, sample_cosine_hemisphere
 from raytracer.scatter import evaluate_scattering, power_heuristic
 from raytracer.scene import Light
@@ -30,6 +31,10 @@ from raytracer.surface import SurfaceTables, make_surface, spawn_origin
 # A stack of more transparent surfaces than this stops the light; it bounds the loops through them.
 MAX_PASSAGES = 128
 
+# Shadow rays of different sources are cast together, for big batches cost less a ray, up to this many.
+SHADOW_BATCH = 1 << 16
+
+Indices = NDArray[np.intp]
 LightStage = Callable[[Surface, Shading, PixelSamples, int], LightSamples]
 Visibility = Callable[[Rays], Floats]
 
@@ -40,6 +45,15 @@ class DirectLight:
 
     arriving: Floats
     unshadowed: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ShadowCast:
+    """Shadow rays of one source: (k,) the points they start from, (k, 3) the light if nothing is in the way."""
+
+    row: Indices
+    value: Floats
+    rays: Rays
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +121,7 @@ def add_direct_light(
     dimension : the first of the numbered dimensions of `samples` to use
     """
     arriving, unshadowed = np.zeros((len(surface), 3)), np.zeros((len(surface), 3))
+    waiting: list[ShadowCast] = []
     for source in sources:
         light = source.sample(surface, shading, samples, dimension)
         dimension += source.dimensions
@@ -115,9 +130,26 @@ def add_direct_light(
         value = (scattering.diffuse + scattering.specular * share) * light.weight
         rows = np.flatnonzero(wanted & (light.density > 0) & (value > 0).any(axis=1))
         unshadowed[rows] += value[rows]
-        seen = visibility(_shadow_rays(surface, light, rows)) if source.cast_shadow and len(rows) else 1.0
-        arriving[rows] += value[rows] * seen
+        if source.cast_shadow:
+            waiting.append(ShadowCast(rows, value[rows], _shadow_rays(surface, light, rows)))
+        else:
+            arriving[rows] += value[rows]
+        if sum(len(cast.row) for cast in waiting) >= SHADOW_BATCH:
+            _cast_shadows(visibility, waiting, arriving)
+    _cast_shadows(visibility, waiting, arriving)
     return DirectLight(arriving, unshadowed)
+
+
+def _cast_shadows(visibility: Visibility, waiting: list[ShadowCast], arriving: Floats) -> None:
+    """Cast the shadow rays of several sources together, add the light they let through, and empty the list."""
+    rays = join_rays([cast.rays for cast in waiting])
+    seen = visibility(rays) if len(rays) else np.zeros((0, 1))
+    start = 0
+    for cast in waiting:
+        stop = start + len(cast.row)
+        arriving[cast.row] += cast.value * seen[start:stop]
+        start = stop
+    waiting.clear()
 
 
 def _shadow_rays(surface: Surface, light: LightSamples, rows: np.ndarray) -> Rays:

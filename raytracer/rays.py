@@ -6,6 +6,7 @@ lies on an object. Imports `checks` only.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
@@ -85,6 +86,13 @@ def _as_range(value: ArrayLike, count: int, field: str) -> Floats:
     if numbers.shape not in ((), (1,), (count,)):
         raise ValueError(f"{field}: expected a number or an array ({count},), got shape {numbers.shape}")
     return np.ascontiguousarray(np.broadcast_to(numbers, (count,)))
+
+
+def join_rays(parts: Sequence[Rays]) -> Rays:
+    """Return the rays of several records as one, in order."""
+    if not parts:
+        return Rays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    return Rays(*(np.concatenate([getattr(part, name) for part in parts]) for name in Rays.__slots__))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
