@@ -62,7 +62,10 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
             self._fail("interrupted")
         except MemoryError:
             self._fail("not enough memory")
-        except (SceneError, WorkerError) as error:
+        except SceneError as error:
+            self._fail(str(error))
+        except WorkerError as error:
+            traceback.print_exc()
             self._fail(str(error))
         except Exception as error:  # nothing may reach Blender: it would take the render for a success
             traceback.print_exc()
