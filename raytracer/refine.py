@@ -21,6 +21,10 @@ Floats = NDArray[np.float64]
 # A term of T: difference exact, product 8, difference 4, product 8, two sums 4 each, in units of u^2; D and E have the
 # same.
 _DETERMINANT_BOUND = 32 * 2.0**-106
+# Exponent of the lowest bit of a float64; products whose bits all lie above it do not underflow.
+_LOWEST_BIT = -1074
+# Zero is a multiple of everything: more than any sum of three exponents needs.
+_UNIT_OF_ZERO = 1 << 12
 # Half an ulp of t is at most u |t|; the two roundings of the correction are added in `_finish`.
 _HALF_ULP = UNIT_ROUNDOFF
 
@@ -32,17 +36,51 @@ def _in_range(permanent: Floats, *vectors: Floats) -> NDArray[np.bool_]:
 
 
 def _half_ulp(t: Floats) -> Floats:
-    """Half the spacing of floats at t: exactly 2^(e - 53) for 2^(e - 1) <= |t| < 2^e."""
-    return np.ldexp(1.0, np.frexp(t)[1] - 54)
+    """Half the spacing of floats at t; the least float where that is none."""
+    return np.maximum(np.spacing(np.abs(t)) / 2, np.finfo(np.float64).smallest_subnormal)
 
 
-def edge_sign(origin: Floats, direction: Floats, p: Floats, q: Floats) -> NDArray[np.int8]:
-    """Sign of E(p, q) = d . ((p - o) x (q - o)) of corners p and q, 0 where it remains in doubt, (n,)."""
+def _unit(*vectors: Floats) -> NDArray[np.int32]:
+    """(n,) exponents g for which every component is an integer times 2^g: that of the lowest bit in use."""
+    mantissa, exponent = np.frexp(np.concatenate(vectors))
+    digits = np.ldexp(mantissa, 53).astype(np.int64)
+    lowest = np.frexp((digits & -digits).astype(np.float64))[1] - 54 + exponent
+    return np.min(lowest, axis=0, where=digits != 0, initial=_UNIT_OF_ZERO)
+
+
+def edge_sign(origin: Floats, direction: Floats, p: Floats, q: Floats) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+    """Sign of E(p, q) = d . ((p - o) x (q - o)) of corners p and q, and whether it is certain, (n,) each.
+
+    With positions that are multiples of 2^g and a direction of multiples of 2^h, E is a multiple of 2^(2 g + h): it is
+    zero if it is certainly smaller than that.
+    """
     edge = dd.dot(dd.exact(direction), dd.cross(dd.two_difference(p, origin), dd.two_difference(q, origin)))[0]
     sizes = predicates.cross_permanent(np.abs(p - origin), np.abs(q - origin))
     permanent = predicates.dot(np.abs(direction), sizes)
-    certain = (np.abs(edge) > _DETERMINANT_BOUND * permanent) & _in_range(permanent, origin, direction, p, q)
-    return np.where(certain, np.sign(edge), 0).astype(np.int8)
+    error, size = _DETERMINANT_BOUND * permanent, np.abs(edge)
+    usable = _in_range(permanent, origin, direction, p, q)
+    # |E| <= size (1 + u) + error, and a float x is less than 2^frexp(x).
+    limit = np.frexp((size + error) * (1 + 4 * UNIT_ROUNDOFF))[1]
+    zero = usable & (limit <= 2 * _unit(origin, p, q) + _unit(direction))
+    certain = usable & (size > error)
+    return np.where(certain, np.sign(edge), 0).astype(np.int8), certain | zero
+
+
+def passes_through(origin: Floats, direction: Floats, point: Floats) -> NDArray[np.bool_]:
+    """True where the line o + t d passes exactly through a point, as far as pairs tell, (n,).
+
+    (p - o) x d = 0, that is d_i P_j = d_j P_i for all i, j. Products of two floats are exact in pairs, and a pair is
+    unique; where P = p - o is no float, or products could underflow, the answer is False.
+    """
+    relative, remainder = dd.two_difference(point, origin)
+    largest = np.maximum(np.abs(direction).max(axis=0), np.abs(relative).max(axis=0))
+    in_range = largest < dd.LARGEST
+    relative, direction = np.where(in_range, relative, 0.0), np.where(in_range, direction, 0.0)
+    following, preceding = [1, 2, 0], [2, 0, 1]
+    one = dd.two_product(direction[following], relative[preceding])
+    other = dd.two_product(direction[preceding], relative[following])
+    parallel = ((one[0] == other[0]) & (one[1] == other[1]) & (remainder == 0)).all(axis=0)
+    return np.asarray(parallel & in_range & (_unit(relative) + _unit(direction) >= _LOWEST_BIT))
 
 
 def triangle_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:

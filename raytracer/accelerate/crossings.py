@@ -19,7 +19,9 @@ from raytracer.rays import Booleans, Floats, Rays
 
 
 class CrossingSearch(Search):
-    """Counts the triangles that rays cross; spheres do not count."""
+    """Counts the triangles that rays cross; spheres do not count, edges and vertices are left to `exact`."""
+
+    closed = False
 
     def __init__(self, primitives: Primitives, rays: Rays) -> None:
         super().__init__(primitives, rays, any_hit=False)

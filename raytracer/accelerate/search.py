@@ -9,7 +9,7 @@ of them. Three precisions share the path and differ in what they trust:
                        possible wait in a pool, and where more than one is left, or one in doubt, integers decide
                        (`exact`)
 
-Imports `predicates`, `refine`, `exact`, `rays` and the world-space primitives.
+Imports `predicates`, `refine`, `exact`, `rays`, `edges` and the world-space primitives.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer import exact, predicates, refine
+from raytracer.accelerate.edges import judge_edges, meeting_points
 from raytracer.accelerate.geometry import Ids, split_id
 from raytracer.accelerate.primitives import Primitives, gather_corners, gather_spheres
 from raytracer.rays import Booleans, Floats, Hits, Rays
@@ -54,11 +55,14 @@ class Candidates(NamedTuple):
 class Search:
     """The state of a batch of n valid rays.
 
+    closed : edges and vertices belong to their triangles
     ray_rows : (n, 8) origin, direction and slopes of each ray, coordinates turned so that its main axis comes last
     axis : (n,) int8, the main axis: the one along which the direction is largest
     best : (n,) float64; nothing farther than this can be the answer. Starts at t_max; -inf once an any-hit ray is
         decided. Traversal culls with it.
     """
+
+    closed = True
 
     def __init__(self, primitives: Primitives, rays: Rays, any_hit: bool) -> None:
         self.primitives = primitives
@@ -145,7 +149,8 @@ class Search:
         possible = np.ones(len(ray), dtype=bool)
         doubtful = np.flatnonzero(~inside)
         if len(doubtful):
-            inside[doubtful], possible[doubtful] = _judge_edges(lines[:, doubtful], corners[:, :, doubtful])
+            lines, corners = lines[:, doubtful], corners[:, :, doubtful]
+            inside[doubtful], possible[doubtful] = judge_edges(lines, corners, self.closed)
         return self._weigh(ray, primitive_id, plane.t, plane.t_error, inside, possible)
 
     def _offer_spheres(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
@@ -236,21 +241,43 @@ class Search:
         return hits
 
     def _close_certified(self, hits: Hits) -> None:
+        """Choose each ray's first candidate, then measure all hits alike: how one was chosen leaves no trace."""
         left = self._remaining()
         runs = _runs(left.ray)
-        clear = (runs[:, 1] - runs[:, 0] == 1) & left.certain[runs[:, 0]] if len(runs) else np.zeros(0, dtype=bool)
-        single = left.select(runs[clear, 0])
-        distance, error = self._refine(single)
-        hits.distance[single.ray], hits.distance_error[single.ray] = distance, error
-        self._measure(hits, single.ray, single.primitive_id)
-        unbounded = np.isin(left.ray, single.ray[~np.isfinite(error)])
-        for start, stop in runs[~clear | unbounded[runs[:, 0]]]:
-            decision = self._decide(left, start, stop)
-            if decision.chosen >= 0:
-                ray, primitive_id = left.ray[start], left.primitive_id[start + decision.chosen]
-                self._measure(hits, left.ray[start : start + 1], np.array([primitive_id]))
-                hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
-                hits.barycentric[ray] = decision.barycentric
+        chosen = runs[:, 0].copy()
+        for run in np.flatnonzero(~self._are_settled(left, runs)):
+            chosen[run] += self._decide(left, *runs[run]).chosen
+        found = chosen >= runs[:, 0]
+        first = left.select(chosen[found])
+        distance, error = self._refine(first)
+        hits.distance[first.ray], hits.distance_error[first.ray] = distance, error
+        self._measure(hits, first.ray, first.primitive_id)
+        for k in np.flatnonzero(~(first.certain & np.isfinite(error))):
+            decision = self._decide(first, k, k + 1)
+            ray = first.ray[k]
+            hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
+            hits.barycentric[ray] = decision.barycentric
+
+    def _are_settled(self, left: Candidates, runs: NDArray[np.intp]) -> Booleans:
+        """(g,) True for runs of one certain candidate, or of certain ones that all meet the ray in one point."""
+        if not len(runs):
+            return np.zeros(0, dtype=bool)
+        first, size = runs[:, 0], runs[:, 1] - runs[:, 0]
+        certain = np.logical_and.reduceat(left.certain, first)
+        member = np.flatnonzero(np.repeat(certain & (size > 1), size))
+        point = self._name_meeting_points(left.select(member))
+        first_member = np.searchsorted(member, np.repeat(first, size)[member])
+        together = np.repeat(size == 1, size)
+        together[member] = (point == point[:, first_member]).all(axis=0)
+        return certain & np.logical_and.reduceat(together, first)
+
+    def _name_meeting_points(self, candidates: Candidates) -> Floats:
+        """(6, k) `edges.meeting_points` of candidates."""
+        point = np.empty((6, len(candidates.ray)))
+        for axis, part in self._by_axis(candidates.ray):
+            lines = self.ray_rows[candidates.ray[part]].T
+            point[:, part] = meeting_points(lines, self._turned_corners(candidates.primitive_id[part], axis))
+        return point
 
     def _decide(self, left: Candidates, start: int, stop: int) -> exact.ExactHit:
         """Settle one ray's candidates in integers."""
@@ -307,26 +334,6 @@ def _main_axis(directions: Floats) -> NDArray[np.int8]:
     size = np.abs(directions).T
     axis = np.where(size[1] >= size[0], np.int8(1), np.int8(0))
     return np.where(size[2] >= np.maximum(size[0], size[1]), np.int8(2), axis)
-
-
-def _judge_edges(lines: NDArray, corners: NDArray) -> tuple[Booleans, Booleans]:
-    """Return (certainly inside, possibly inside): by each pair's own error bound, then in pairs of float64."""
-    signs = np.stack([_edge_sign(lines, corners[one], corners[other]) for one, other in ((1, 2), (2, 0), (0, 1))])
-    highest, lowest = signs.max(axis=0), signs.min(axis=0)
-    return (lowest > 0) | (highest < 0), ~((highest > 0) & (lowest < 0))
-
-
-def _edge_sign(lines: NDArray, p: NDArray, q: NDArray) -> NDArray[np.int8]:
-    """Sign of an edge function over the main axis' direction where it is certain, else 0."""
-    origin, direction, slope = lines[:3], lines[3:6], lines[6:]
-    edge = predicates.edge_function(predicates.shear(p - origin, slope), predicates.shear(q - origin, slope))
-    error = predicates.edge_error(p - origin, q - origin, slope)
-    sign = (edge > error).astype(np.int8) - (edge < -error)
-    doubt = np.flatnonzero(sign == 0)
-    if len(doubt):
-        refined = refine.edge_sign(origin[:, doubt], direction[:, doubt], p[:, doubt], q[:, doubt])
-        sign[doubt] = refined * np.sign(direction[2, doubt]).astype(np.int8)
-    return sign
 
 
 def _runs(sorted_values: Indices) -> NDArray[np.intp]:
