@@ -1,7 +1,7 @@
 # Everything a fresh machine needs, without a screen: `make render`, `make test`; see README.md.
 #
 #   make setup       the project's own virtual environment with Blender as a Python module
-#   make render      render blend_scenes/still_life.blend to build/still_life.png
+#   make render      render blend_scenes/still_life.blend to build/still_life.png (SIZE=960x640 SAMPLES=64 for more)
 #   make test        the tests of the quick tier;  make test-all: the slow ones too
 #   make check       formatting, lint and types
 #   make extension   dist/reference_raytracer-VERSION.zip, to install in Blender
@@ -16,6 +16,8 @@ SHELL := /bin/bash
 PYTHON ?=
 SCENE := blend_scenes/still_life.blend
 PICTURE := build/still_life.png
+SIZE ?= 480x320
+SAMPLES ?= 8
 BIN := .venv/bin
 READY := .venv/ready
 
@@ -27,7 +29,7 @@ $(READY): pyproject.toml .ci/setup
 
 render: $(READY)
 	@mkdir -p $(dir $(PICTURE))
-	@$(BIN)/python -m addon render $(SCENE) -o $(PICTURE)
+	@$(BIN)/python -m addon render $(SCENE) -o $(PICTURE) --size $(SIZE) --samples $(SAMPLES)
 
 test: $(READY)
 	@$(BIN)/python -m pytest -m 'not slow' tests
