@@ -245,16 +245,16 @@ class Search:
         left = self._remaining()
         runs = _runs(left.ray)
         chosen = runs[:, 0].copy()
-        for run in np.flatnonzero(~self._are_settled(left, runs)):
-            chosen[run] += self._decide(left, *runs[run]).chosen
-        found = chosen >= runs[:, 0]
+        decisions = {run: self._decide(left, *runs[run]) for run in np.flatnonzero(~self._are_settled(left, runs))}
+        for run, decision in decisions.items():
+            chosen[run] += decision.chosen
+        found = np.flatnonzero(chosen >= runs[:, 0])
         first = left.select(chosen[found])
         distance, error = self._refine(first)
         hits.distance[first.ray], hits.distance_error[first.ray] = distance, error
         self._measure(hits, first.ray, first.primitive_id)
         for k in np.flatnonzero(~(first.certain & np.isfinite(error))):
-            decision = self._decide(first, k, k + 1)
-            ray = first.ray[k]
+            ray, decision = first.ray[k], decisions.get(found[k]) or self._decide(first, k, k + 1)
             hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
             hits.barycentric[ray] = decision.barycentric
 
@@ -272,11 +272,13 @@ class Search:
         return certain & np.logical_and.reduceat(together, first)
 
     def _name_meeting_points(self, candidates: Candidates) -> Floats:
-        """(6, k) `edges.meeting_points` of candidates."""
-        point = np.empty((6, len(candidates.ray)))
-        for axis, part in self._by_axis(candidates.ray):
-            lines = self.ray_rows[candidates.ray[part]].T
-            point[:, part] = meeting_points(lines, self._turned_corners(candidates.primitive_id[part], axis))
+        """(6, k) `edges.meeting_points` of candidates; NaN for spheres."""
+        point = np.full((6, len(candidates.ray)), np.nan)
+        triangle = np.flatnonzero(candidates.primitive_id < self.primitives.geometry.sphere_id)
+        ray, primitive_id = candidates.ray[triangle], candidates.primitive_id[triangle]
+        for axis, part in self._by_axis(ray):
+            lines = self.ray_rows[ray[part]].T
+            point[:, triangle[part]] = meeting_points(lines, self._turned_corners(primitive_id[part], axis))
         return point
 
     def _decide(self, left: Candidates, start: int, stop: int) -> exact.ExactHit:
