@@ -111,10 +111,13 @@ def _may_hit_spheres(origins, directions, centres, radii):
 
 @dataclass(frozen=True, eq=False)
 class ExactHits:
-    """distance : list of Fraction, Surd or None (a miss); index : (n,) int64, triangle, then spheres, or -1."""
+    """distance : list of Fraction, Surd or None (a miss); index : (n,) int64, triangle, then spheres, or -1;
+    tied : list of tuples, all that are hit at exactly that distance, ascending: `index` is the first of them.
+    """
 
     distance: list
     index: np.ndarray
+    tied: list
 
     def rounded(self):
         """(n,) float64, the correctly rounded distances, infinity for a miss."""
@@ -125,10 +128,14 @@ def closest_hit(origins, directions, corners=None, centres=None, radii=None, t_m
     """Return the ExactHits of rays (n, 3) with triangles (t, 3, 3) and spheres (s, 3), (s,)."""
     best = {}
     for ray, index, t in _all_hits(origins, directions, corners, centres, radii, t_min, t_max):
-        if ray not in best or (t, index) < best[ray]:
-            best[ray] = (t, index)
-    found = [best.get(ray, (None, -1)) for ray in range(len(origins))]
-    return ExactHits([t for t, _ in found], np.array([index for _, index in found], dtype=np.int64))
+        if ray not in best or t < best[ray][0]:
+            best[ray] = (t, [index])
+        elif t == best[ray][0]:
+            best[ray][1].append(index)
+    found = [best.get(ray, (None, [])) for ray in range(len(origins))]
+    tied = [tuple(sorted(indices)) for _, indices in found]
+    index = np.array([indices[0] if indices else -1 for indices in tied], dtype=np.int64)
+    return ExactHits([t for t, _ in found], index, tied)
 
 
 def any_hit(origins, directions, corners=None, centres=None, radii=None, t_min=0.0, t_max=np.inf):
