@@ -46,6 +46,9 @@ SMALLEST_WEIGHT = 1e-5
 # Cycles' limit on the reflectance that a specular level may ask for; above it the index of refraction runs to infinity.
 LARGEST_REFLECTANCE = 0.99
 
+# Cycles' limit: with a relative index of refraction this close to 1 light passes straight on, and the half vector of
+# refraction, eta i + o, is not defined.
+SMALLEST_ETA_STEP = 1e-4
 # A rough lobe is picked at least so often, as a share of its weight.
 SMALLEST_PICK = 2.0**-6
 
@@ -130,58 +133,39 @@ def _add_diffuse(closures: Closures, points: Points) -> list[Microfacets]:
     return []
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Facets:
+    """What the facets of k lobes do with light; fields as in `microfacet.Microfacets`."""
+
+    fresnel: int
+    f0: Floats
+    f82: Floats
+    reflection: Floats
+    transmission: Floats
+
+
 def _add_glossy(closures: Closures, points: Points) -> list[Microfacets]:
     """GGX that reflects its colour from every facet, whatever the angle."""
     white = np.ones_like(closures.color)
-    lobes = _make_lobes(
-        points,
-        closures.weight[:, np.newaxis] * closures.color,
-        closures.roughness,
-        np.ones(len(points.rows)),
-        CONSTANT,
-        white,
-        np.zeros_like(white),
-        white,
-        np.zeros_like(white),
-        mean_color=closures.color,
-    )
-    return [lobes]
+    facets = Facets(CONSTANT, white, 0.0 * white, white, 0.0 * white)
+    weight = closures.weight[:, np.newaxis] * closures.color
+    return [_make_lobes(points, weight, closures.roughness, white[:, 0], facets, mean_color=closures.color)]
 
 
 def _add_glass(closures: Closures, points: Points) -> list[Microfacets]:
     """Reflection and refraction with the colour on both, as Fresnel's formulas share them out."""
     f0 = np.repeat(normal_reflectance(closures.ior)[:, np.newaxis], 3, axis=1)
-    lobes = _make_lobes(
-        points,
-        np.repeat(closures.weight[:, np.newaxis], 3, axis=1),
-        closures.roughness,
-        points.relative_ior(closures.ior),
-        DIELECTRIC,
-        f0,
-        np.zeros_like(f0),
-        closures.color,
-        closures.color,
-        mean_color=closures.color,
-    )
-    return [lobes]
+    facets = Facets(DIELECTRIC, f0, 0.0 * f0, closures.color, closures.color)
+    weight, eta = np.repeat(closures.weight[:, np.newaxis], 3, axis=1), points.relative_ior(closures.ior)
+    return [_make_lobes(points, weight, closures.roughness, eta, facets, mean_color=closures.color)]
 
 
 def _add_refraction(closures: Closures, points: Points) -> list[Microfacets]:
     """Refraction of all the light, but for total reflection, without compensation for further bounces, as in Cycles."""
     white = np.ones_like(closures.color)
-    lobes = _make_lobes(
-        points,
-        closures.weight[:, np.newaxis] * closures.color,
-        closures.roughness,
-        points.relative_ior(closures.ior),
-        CONSTANT,
-        white,
-        np.zeros_like(white),
-        np.zeros_like(white),
-        white,
-        mean_color=None,
-    )
-    return [lobes]
+    facets = Facets(CONSTANT, white, 0.0 * white, 0.0 * white, white)
+    weight, eta = closures.weight[:, np.newaxis] * closures.color, points.relative_ior(closures.ior)
+    return [_make_lobes(points, weight, closures.roughness, eta, facets, mean_color=None)]
 
 
 def _add_principled(closures: Closures, points: Points) -> list[Microfacets]:
@@ -204,18 +188,9 @@ def _principled_metal(closures: Closures, points: Points, weight: Floats) -> Mic
     f82 = metal_coefficient(f0, np.minimum(closures.specular_tint, 1.0))
     mean = f0 + (1.0 - f0) / 21.0 - f82 / 126.0  # 2 integral_0^1 F(c) c dc
     white = np.ones_like(f0)
-    return _make_lobes(
-        points.select(part),
-        weight * closures.metallic[:, np.newaxis],
-        closures.roughness,
-        white[:, 0],
-        METAL,
-        f0,
-        f82,
-        white,
-        np.zeros_like(white),
-        mean_color=mean,
-    )
+    facets = Facets(METAL, f0, f82, white, 0.0 * white)
+    weight = weight * closures.metallic[:, np.newaxis]
+    return _make_lobes(points.select(part), weight, closures.roughness, white[:, 0], facets, mean_color=mean)
 
 
 def _principled_glass(closures: Closures, points: Points, weight: Floats) -> Microfacets:
@@ -224,18 +199,9 @@ def _principled_glass(closures: Closures, points: Points, weight: Floats) -> Mic
     closures, points, weight = closures.select(part), points.select(part), weight[part]
     tint = np.sqrt(np.minimum(closures.color, 1.0))
     f0 = np.minimum(normal_reflectance(closures.ior)[:, np.newaxis] * closures.specular_tint, 1.0)
-    return _make_lobes(
-        points,
-        weight * closures.transmission[:, np.newaxis],
-        closures.roughness,
-        points.relative_ior(closures.ior),
-        DIELECTRIC,
-        f0,
-        np.zeros_like(f0),
-        np.ones_like(f0),
-        tint,
-        mean_color=tint,
-    )
+    facets = Facets(DIELECTRIC, f0, 0.0 * f0, np.ones_like(f0), tint)
+    weight, eta = weight * closures.transmission[:, np.newaxis], points.relative_ior(closures.ior)
+    return _make_lobes(points, weight, closures.roughness, eta, facets, mean_color=tint)
 
 
 def _principled_specular(closures: Closures, points: Points, weight: Floats) -> tuple[Microfacets, Floats]:
@@ -248,19 +214,9 @@ def _principled_specular(closures: Closures, points: Points, weight: Floats) -> 
     tinted = np.minimum(f0[part, np.newaxis] * closures.specular_tint, 1.0)
     plain = normal_reflectance(eta)
     rise = np.clip((mean_dielectric_reflectance(eta) - plain) / (1.0 - plain), 0.0, 1.0)[:, np.newaxis]
-    white = np.ones_like(tinted)
-    lobes = _make_lobes(
-        points,
-        weight,
-        closures.roughness,
-        eta,
-        DIELECTRIC,
-        tinted,
-        np.zeros_like(tinted),
-        white,
-        np.zeros_like(tinted),
-        mean_color=tinted + (1.0 - tinted) * rise,
-    )
+    facets = Facets(DIELECTRIC, tinted, 0.0 * tinted, np.ones_like(tinted), 0.0 * tinted)
+    mean = tinted + (1.0 - tinted) * rise
+    lobes = _make_lobes(points, weight, closures.roughness, eta, facets, mean_color=mean)
     cosine = np.clip(dot(lobes.normal, points.shading.outgoing[points.rows]), 0.0, 1.0)
     share = read_schlick_share(closures.roughness, cosine, eta)[:, np.newaxis]
     single = np.ones_like(share)
@@ -288,44 +244,38 @@ def _specular_level(ior: Floats, level: Floats) -> tuple[Floats, Floats]:
 
 
 def _make_lobes(
-    points: Points,
-    weight: Floats,
-    roughness: Floats,
-    eta: Floats,
-    fresnel: int,
-    f0: Floats,
-    f82: Floats,
-    reflection: Floats,
-    transmission: Floats,
-    mean_color: Floats | None,
+    points: Points, weight: Floats, roughness: Floats, eta: Floats, facets: Facets, mean_color: Floats | None
 ) -> Microfacets:
-    """Return lobes whose weight includes the bounces after the first, of colour `mean_color`; None leaves them out."""
+    """Return lobes whose weight includes the bounces after the first, of colour `mean_color`; None leaves them out.
+
+    Where a refracting surface has the same index on both sides nothing bends: the lobe is made perfect.
+    """
     normal, cosine = points.specular_normal()
     cosine = np.clip(cosine, 0.0, 1.0)
+    refracts = (facets.transmission > 0).any(axis=1)
+    bends = np.abs(eta - 1.0) >= SMALLEST_ETA_STEP
     lobes = Microfacets(
-        points.rows,
-        weight,
-        normal,
-        roughness * roughness,
-        eta,
-        np.full(len(points.rows), fresnel, dtype=np.int8),
-        f0,
-        f82,
-        reflection,
-        transmission,
+        hit=points.rows,
+        weight=weight,
+        normal=normal,
+        alpha=np.where(refracts & ~bends, 0.0, roughness * roughness),
+        eta=eta,
+        fresnel=np.full(len(points.rows), facets.fresnel, dtype=np.int8),
+        f0=facets.f0,
+        f82=facets.f82,
+        reflection=facets.reflection,
+        transmission=facets.transmission,
         albedo=np.ones(len(points.rows)),
     )
-    lobes = dataclasses.replace(lobes, albedo=_estimate_albedo(lobes, cosine))
-    rough = np.flatnonzero(~lobes.is_perfect)
-    if mean_color is None or not len(rough):
-        return lobes
-    if fresnel == DIELECTRIC and (transmission > 0).any():
-        share, mean = read_glass(roughness[rough], cosine[rough], eta[rough])
-    else:
-        share, mean = read_reflection(roughness[rough], cosine[rough])
     scaled = weight.copy()
-    scaled[rough] *= compensate(share, mean, np.minimum(mean_color[rough], 1.0))
-    return dataclasses.replace(lobes, weight=scaled)
+    for rows, read in (
+        (np.flatnonzero(~lobes.is_perfect & ~refracts), lambda x, y, _: read_reflection(x, y)),
+        (np.flatnonzero(~lobes.is_perfect & refracts), read_glass),
+    ):
+        if mean_color is not None and len(rows):
+            share, mean = read(roughness[rows], cosine[rows], eta[rows])
+            scaled[rows] *= compensate(share, mean, np.minimum(mean_color[rows], 1.0))
+    return dataclasses.replace(lobes, weight=scaled, albedo=_estimate_albedo(lobes, cosine))
 
 
 def _estimate_albedo(lobes: Microfacets, cosine: Floats) -> Floats:

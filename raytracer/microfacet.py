@@ -29,9 +29,6 @@ from raytracer.rays import Booleans, Floats
 
 # Cycles' limit: below it (squared alpha 2e-10) a lobe is a perfect mirror or clear glass.
 SMALLEST_ALPHA = 2e-10**0.5
-# Cycles' limit: with a relative index of refraction this close to 1 light passes straight on, and the half vector of
-# refraction, eta i + o, is not defined.
-SMALLEST_ETA_STEP = 1e-4
 
 CONSTANT, METAL, DIELECTRIC = range(3)
 
@@ -201,7 +198,7 @@ def evaluate_microfacets(
     half = _half_vectors(lobes, outgoing, incoming, passes)
     cos_half_out, cos_half_in = dot(half, outgoing), dot(half, incoming)
     possible = (cos_out > 0) & (cos_in != 0) & (cos_half_out > 0) & ((cos_half_in < 0) == passes) & ~lobes.is_perfect
-    possible &= (dot(lobes.normal, half) > 0) & (~passes | (np.abs(lobes.eta - 1.0) >= SMALLEST_ETA_STEP))
+    possible &= dot(lobes.normal, half) > 0
     reflectance, transmittance = evaluate_fresnel(lobes, np.clip(cos_half_out, 0.0, 1.0))
     span = lobes.eta[:, np.newaxis] * incoming + outgoing
     bend = lobes.eta**2 * np.abs(cos_half_out * cos_half_in) / np.where(passes & possible, dot(span, span), 1.0)
@@ -209,10 +206,10 @@ def evaluate_microfacets(
     common = np.where(passes, bend, 0.25) * facet_density(alpha, dot(lobes.normal, half))
     common = np.where(possible, common / np.where(possible, cos_out, 1.0), 0.0)
     shadow_out, shadow_in = shadowing(alpha, cos_out), shadowing(alpha, cos_in)
-    choice = _reflection_probability(reflectance, transmittance)
-    agree = (dot(geometric_normal, incoming) < 0) == passes
-    density = np.where(agree, common * np.where(passes, 1.0 - choice, choice) / (1.0 + shadow_out), 0.0)
     value = np.where(passes[:, np.newaxis], transmittance, reflectance)
+    choice = _reflection_probability(reflectance, transmittance)
+    sampled = ((dot(geometric_normal, incoming) < 0) == passes) & (value > 0).any(axis=1)
+    density = np.where(sampled, common * np.where(passes, 1.0 - choice, choice) / (1.0 + shadow_out), 0.0)
     return lobes.weight * value * (common / (1.0 + shadow_out + shadow_in))[:, np.newaxis], density
 
 
@@ -257,10 +254,9 @@ def sample_microfacets(
     valid = (dot(lobes.normal, outgoing) > 0) & (light > 0).any(axis=1)
     for normal in (lobes.normal, geometric_normal):
         valid &= (dot(normal, direction) < 0) == passes
-    perfect = lobes.is_perfect | (passes & (np.abs(lobes.eta - 1.0) < SMALLEST_ETA_STEP))
     taken = np.where(passes, 1.0 - probability, probability)[:, np.newaxis]
     weight = lobes.weight * np.divide(light, taken, out=np.zeros_like(light), where=taken > 0)
-    return LobeSamples(direction, valid, perfect, weight)
+    return LobeSamples(direction, valid, lobes.is_perfect, weight)
 
 
 def _sample_half_vectors(lobes: Microfacets, outgoing: Floats, pair: Floats) -> Floats:

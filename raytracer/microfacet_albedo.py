@@ -29,8 +29,8 @@ from raytracer.rays import Floats
 REFLECTION_SIZE, GLASS_SIZE = 32, 16
 SMALLEST, LARGEST_INDEX = 1e-4, 0.99
 # Nodes of the quadrature over facets (angle around the normal, height) and over the cosine of the view. E is then right
-# to 2e-3, which a test checks against far more nodes.
-ANGLE_NODES, HEIGHT_NODES, COSINE_NODES = 12, 40, 32
+# to 5e-3 where total reflection cuts the integrand off and to 1e-3 elsewhere, which a test checks with far more nodes.
+ANGLE_NODES, HEIGHT_NODES, COSINE_NODES = 24, 64, 16
 
 
 @lru_cache(maxsize=4)

@@ -66,7 +66,7 @@ def test_make_surface_position_is_the_lectures_barycentric_point():
     np.testing.assert_allclose(barycentric(surface.position, *corners), weights, atol=1e-14)
 
 
-@pytest.mark.parametrize("centre, radius, distance", [(0.0, 1.0, 3.0), (1e6, 0.1, 1e6), (1e3, 1e6, 1e8)])
+@pytest.mark.parametrize(("centre", "radius", "distance"), [(0.0, 1.0, 3.0), (1e6, 0.1, 1e6), (1e3, 1e6, 1e8)])
 def test_make_surface_sphere_position_stays_within_its_error(centre, radius, distance):
     scene = raytracer.Scene(spheres=[raytracer.Spheres([[centre, -centre, 2 * centre]], [radius])])
     rng = np.random.default_rng(3)
