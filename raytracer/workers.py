@@ -47,8 +47,7 @@ class Workers:
     """A number of worker processes; use it in a `with` statement, or call `close`."""
 
     def __init__(self, count: int) -> None:
-        self._directory = tempfile.TemporaryDirectory(prefix="raytracer-")
-        self._loads = 0
+        self._directories: list[tempfile.TemporaryDirectory[str]] = []
         self._workers = [_Worker() for _ in range(count)]
         self._idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
         for worker in self._workers:
@@ -78,8 +77,9 @@ class Workers:
         WorkerError
             If a worker has died or the factory fails in it.
         """
-        self._loads += 1
-        path = Path(self._directory.name) / f"arrays-{self._loads}"
+        directory = tempfile.TemporaryDirectory(prefix="raytracer-")
+        self._directories.append(directory)
+        path = Path(directory.name) / "arrays"
         outline, sizes = _write_arrays((factory, arguments), path)
         # All workers, as soon as each has finished what it may still be doing for a cancelled run.
         workers = [self._idle.get() for _ in self._workers]
@@ -91,7 +91,7 @@ class Workers:
             for worker in workers:
                 self._idle.put(worker)
         if os.name == "posix":  # elsewhere a mapped file cannot be deleted before `close`
-            path.unlink()
+            directory.cleanup()
 
     def run(self, jobs: Iterable[Any], is_cancelled: Callable[[], bool] = lambda: False) -> Iterator[Any]:
         """Yield the result of every job, in order; stop early, dropping what is under way, when `is_cancelled()`.
@@ -126,7 +126,8 @@ class Workers:
         self._threads.shutdown(wait=True, cancel_futures=True)
         for worker in self._workers:
             worker.close()
-        self._directory.cleanup()
+        for directory in self._directories:
+            directory.cleanup()
 
     def _call(self, job: Any) -> Any:
         worker = self._idle.get()
