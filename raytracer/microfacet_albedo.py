@@ -16,7 +16,8 @@ Blender, intern/cycles/app/cycles_precompute.cpp: the grids.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, wraps
 
 import numpy as np
 
@@ -31,6 +32,8 @@ SMALLEST, LARGEST_INDEX = 1e-4, 0.99
 # Nodes of the quadrature over facets (angle around the normal, height) and over the cosine of the view. E is then right
 # to 5e-3 where total reflection cuts the integrand off and to 1e-3 elsewhere, which a test checks with far more nodes.
 ANGLE_NODES, HEIGHT_NODES, COSINE_NODES = 24, 64, 16
+# Pairs of roughness and cosine whose facets are integrated at a time; all at once would take 400 MB.
+BLOCK_PAIRS = 16
 
 
 @lru_cache(maxsize=4)
@@ -65,12 +68,26 @@ def _mean(values: Floats) -> Floats:
     return values.reshape(-1, len(weights)) @ weights
 
 
+def _by_blocks(integrate: Callable[..., Floats]) -> Callable[..., Floats]:
+    """Make an integral over p pairs of roughness and cosine run on a cacheful of them at a time."""
+
+    @wraps(integrate)
+    def integrate_blocks(roughness: Floats, cosine: Floats, *eta: float) -> Floats:
+        blocks = range(0, len(roughness), BLOCK_PAIRS)
+        return np.concatenate(
+            [integrate(roughness[k : k + BLOCK_PAIRS], cosine[k : k + BLOCK_PAIRS], *eta) for k in blocks]
+        )
+
+    return integrate_blocks
+
+
 def _visible_share(alpha: Floats, cos_out: Floats, cos_in: Floats) -> Floats:
     """G2 / G1: the share of light leaving a facet that the others do not block."""
     shadow_out = shadowing(alpha, cos_out)
     return (1.0 + shadow_out) / (1.0 + shadow_out + shadowing(alpha, cos_in))
 
 
+@_by_blocks
 def integrate_reflection(roughness: Floats, cosine: Floats) -> Floats:
     """Return E (p,) of a lobe that reflects everything, for pairs of roughness and cosine of the view."""
     view, half, alpha = _facets(roughness, cosine)
@@ -79,6 +96,7 @@ def integrate_reflection(roughness: Floats, cosine: Floats) -> Floats:
     return _mean(share)
 
 
+@_by_blocks
 def integrate_glass(roughness: Floats, cosine: Floats, eta: float) -> Floats:
     """Return E (p,) of clear glass: reflection above plus refraction below the surface."""
     view, half, alpha = _facets(roughness, cosine)
@@ -90,6 +108,7 @@ def integrate_glass(roughness: Floats, cosine: Floats, eta: float) -> Floats:
     return _mean(reflected + passed)
 
 
+@_by_blocks
 def integrate_schlick_share(roughness: Floats, cosine: Floats, eta: float) -> Floats:
     """Return (p,) how far the mean reflectance of the visible facets has come from F0 to 1.
 
