@@ -4,8 +4,8 @@
     python -m blend_scenes.make_all glass lights            two of them
     python -m blend_scenes.make_all --gallery [glass ...]   the pictures, by this project's engine
 
-A picture is rendered through the command line, as a user would, and then written with a palette of 256 colours: small
-enough for a repository. That needs Pillow.
+A picture is rendered through the command line, as a user would, and then written with a dithered palette of 256 colours:
+small enough for a repository. That needs Pillow.
 """
 
 from __future__ import annotations
@@ -50,15 +50,17 @@ def render_picture(name: str) -> Path:
     """Render the stored scene `name` by the command line and return the gallery's picture of it."""
     from PIL import Image
 
+    GALLERY.mkdir(exist_ok=True)
     picture = GALLERY / f"{name}.png"
     with tempfile.TemporaryDirectory(prefix="gallery-") as folder:
         full = Path(folder) / picture.name
         options = ["-o", str(full), "--samples", str(GALLERY_SAMPLES), "--size", gallery_size(name)]
         command = [sys.executable, "-m", "addon", "render", str(SCENES / f"{name}.blend"), *options]
         subprocess.run(command, check=True, cwd=SCENES.parent)
-        GALLERY.mkdir(exist_ok=True)
         with Image.open(full) as image:
-            image.convert("RGB").quantize(256, method=Image.Quantize.MEDIANCUT).save(picture, optimize=True)
+            colors = image.convert("RGB")
+    palette = colors.quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=2)
+    colors.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(picture, optimize=True)
     return picture
 
 
