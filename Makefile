@@ -4,6 +4,7 @@
 #   make render      render blend_scenes/still_life.blend to build/still_life.png (SIZE=960x640 SAMPLES=64 for more)
 #   make test        the tests of the quick tier;  make test-all: the slow ones too
 #   make check       formatting, lint and types
+#   make report      speed against error beside other ray casters: tests/report, tables and plots (some minutes)
 #   make extension   dist/reference_raytracer-VERSION.zip, to install in Blender
 #
 # PYTHON=... chooses the interpreter for the environment; it must be one that the bpy wheels exist for.
@@ -11,7 +12,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
-.PHONY: setup render test test-all check extension clean
+.PHONY: setup render test test-all check report extension clean
 
 PYTHON ?=
 SCENE := blend_scenes/still_life.blend
@@ -20,6 +21,9 @@ SIZE ?= 480x320
 SAMPLES ?= 8
 BIN := .venv/bin
 READY := .venv/ready
+REPORT_READY := .venv/report_ready
+# For instance BENCH_OPTIONS='--rays 100000 --rounds 7 --large'.
+BENCH_OPTIONS ?=
 
 setup: $(READY)
 
@@ -41,6 +45,15 @@ check: $(READY)
 	@$(BIN)/ruff format --check .
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
+
+$(REPORT_READY): $(READY)
+	@$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[report]'
+	@touch $@
+
+report: $(REPORT_READY)
+	@mkdir -p build
+	@$(BIN)/python -m addon bench --json $(BENCH_OPTIONS) > build/bench.json
+	@$(BIN)/python -m tests.benchmarks.report build/bench.json tests/report
 
 extension: $(READY)
 	@$(BIN)/python .ci/build_extension dist

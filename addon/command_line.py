@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO, Any, NoReturn
 
 # A command's module offers add_arguments(parser) and run(arguments); its first line of documentation is its help.
-COMMANDS = {"render": ".render_command", "compare": ".compare"}
+COMMANDS = {"render": ".render_command", "compare": ".compare", "bench": ".bench"}
 
 # First bytes of a .blend: plain, compressed by gzip (before Blender 3.0) and by Zstandard.
 BLEND_SIGNATURES = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")

@@ -188,6 +188,13 @@ def test_closest_hit_agrees_with_elimination_in_fractions(origin, direction, tri
     assert cast(origin, direction, np.array(triangles)) == expected
 
 
+def test_closest_hit_names_all_that_are_hit_at_the_same_distance():
+    positions, triangles = meshes.make_quad()
+    origins, directions = [(0, 0, 1), (0.25, 0.1, 1), (0, 0, -1), (3, 0, 1)], [(0, 0, -1)] * 4
+    doubled = np.concatenate([positions[triangles], positions[triangles] - (0, 0, 1), positions[triangles]])
+    assert oracle.closest_hit(origins, directions, doubled).tied == [(0, 1, 4, 5), (0, 4), (2, 3), ()]
+
+
 def test_filter_drops_no_hit_of_a_mesh_aimed_at_vertices_and_edges():
     mesh = meshes.make_icosphere(1)
     corners = mesh[0][mesh[1]]

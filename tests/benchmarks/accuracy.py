@@ -17,15 +17,18 @@ from tests.benchmarks.sphere_sets import SPHERE_PEERS, make_sphere_sets
 from tests.benchmarks.timing import one_core, take_turns
 from tests.benchmarks.truth import bound_rate, count_failures, find_truth, tally
 
-# Peers with a limit are slow ones: this share of their rays is enough to time them.
+# The batch is filled up with the same rays again, but to no more than this: slow peers would take too long.
+TIMED_RAYS = 1 << 14
+# Peers with a limit are slow ones: this share of it is enough to time them.
 TIMED_SHARE = 8
 
 
 @dataclass(frozen=True)
 class Effort:
-    """rays : per set; rounds : of timing; seed : of everything random"""
+    """rays : per set, to be judged; batch : rays that are timed together; rounds : of timing; seed : of all rays"""
 
     rays: int
+    batch: int
     rounds: int
     seed: int
 
@@ -35,14 +38,14 @@ def measure_accuracy(peers: list[Peer], effort: Effort, progress):
     rows = []
     for rays in progress(make_ray_sets(effort.seed, effort.rays), "accuracy"):
         truth = find_truth(rays.origins, rays.directions, rays.target.positions[rays.target.triangles])
-        rows += compare_peers(peers, rays, truth, effort.rounds)
+        rows += compare_peers(peers, rays, truth, effort)
     return rows
 
 
-def compare_peers(peers, rays, truth, rounds):
+def compare_peers(peers, rays, truth, effort):
     """Return one row per peer for a RaySet."""
     built = {peer.name: peer.build(rays.target.positions, rays.target.triangles) for peer in peers}
-    nanoseconds = time_peers(peers, built, rays.origins, rays.directions, rounds)
+    nanoseconds = time_peers(peers, built, rays, effort)
     rows = []
     for peer in peers:
         caster, count = built[peer.name], peer.limit(len(truth))
@@ -61,15 +64,17 @@ def judge_answer(truth, answer, lowest_index):
     return numbers | bound_rate(count_failures(numbers), numbers["rays"])
 
 
-def time_peers(peers, built, origins, directions, rounds):
-    """Return name -> nanoseconds per ray."""
+def time_peers(peers, built, rays, effort):
+    """Return name -> nanoseconds per ray of a RaySet."""
+    batch = min(effort.batch, TIMED_RAYS)
     casts, counts = {}, {}
     for peer in peers:
-        count = len(origins) if peer.ray_limit is None else min(len(origins), max(1, peer.ray_limit // TIMED_SHARE))
-        prepared = built[peer.name].prepare(origins[:count], directions[:count], np.inf)
+        count = batch if peer.ray_limit is None else min(batch, max(1, peer.ray_limit // TIMED_SHARE))
+        chosen = np.resize(np.arange(len(rays.origins)), count)
+        prepared = built[peer.name].prepare(rays.origins[chosen], rays.directions[chosen], np.inf)
         casts[peer.name], counts[peer.name] = partial(built[peer.name].cast, prepared), count
     with one_core():
-        seconds = take_turns(casts, rounds)
+        seconds = take_turns(casts, effort.rounds)
     return {name: 1e9 * seconds[name] / counts[name] for name in casts}
 
 

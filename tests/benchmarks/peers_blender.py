@@ -82,7 +82,7 @@ def show_mesh(positions, triangles, title):
 
 def build_object(positions, triangles):
     """`Object.ray_cast` on an object with the mesh; the first cast builds its tree, so one is made here."""
-    _, depsgraph, shown = show_mesh(positions, triangles, OBJECT)
+    shown = show_mesh(positions, triangles, OBJECT)[2]
     ray_cast = shown.ray_cast
     ray_cast((0, 0, 0), (0, 0, 1))
 

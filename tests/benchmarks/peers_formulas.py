@@ -35,7 +35,9 @@ def build_cramer(dtype, positions, triangles):
     def cast(rays):
         step = max(1, PAIRS_PER_BLOCK // max(1, len(corners)))
         starts = range(0, len(rays[0]), step)
-        return [intersect_all(rays[0][start : start + step], rays[1][start : start + step], corners) for start in starts]
+        return [
+            intersect_all(rays[0][start : start + step], rays[1][start : start + step], corners) for start in starts
+        ]
 
     def read(found):
         t, primitive = (np.concatenate(column) for column in zip(*found, strict=True))
@@ -60,7 +62,7 @@ def lecture_t(origins, directions, a, b, c):
 
 
 def determinant(first, second, third):
-    """Sarrus' rule on three columns, each a tuple of planes: the lecture's order of operations, in the planes' dtype."""
+    """Sarrus' rule on three columns, each a tuple of planes, in their dtype and the lecture's order of operations."""
     (a, d, g), (b, e, h), (c, f, i) = first, second, third
     return (a * e * i + b * f * g + c * d * h) - (c * e * g + b * d * i + a * f * h)
 

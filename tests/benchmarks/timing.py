@@ -1,5 +1,4 @@
-"""Fair timing on a noisy machine: one core, casts taking turns, medians; and what the numbers were measured on.
-"""
+"""Fair timing on a noisy machine: one core, casts taking turns, medians; and what the numbers were measured on."""
 
 from __future__ import annotations
 

@@ -116,8 +116,12 @@ def holds(t, bound, exact):
 
 
 def summarise(name, values, statistics):
-    """Return name_median, name_p99, name_max of values, those asked for; None where there are no values."""
-    compute = {"median": np.median, "p99": lambda array: np.percentile(array, 99), "max": np.max}
+    """Return name_median, name_p99, name_max of values, those asked for; None where there are no values.
+
+    NaN is as bad as infinity; the percentile is a value that occurs, so that infinity needs no interpolation.
+    """
+    compute = {"median": np.median, "p99": lambda array: np.percentile(array, 99, method="higher"), "max": np.max}
+    values = np.where(np.isnan(values), np.inf, values)
     return {f"{name}_{key}": float(compute[key](values)) if len(values) else None for key in statistics}
 
 

@@ -1,0 +1,61 @@
+"""Write tables and plots from the JSON of `python -m addon bench`.
+
+`python -m tests.benchmarks.report BENCH.json FOLDER`, as `make report` does.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from tests.benchmarks import plots
+from tests.benchmarks.tables import describe_run, write_accuracy, write_speed
+
+ACCURACY_HEAD = """# Accuracy
+
+The same rays for every peer, against an exact oracle (integers, brute force, `tests/exact_oracle.py`). Coordinates and
+directions are float32 numbers, so nobody's input is rounded; "vertex" and "edge" rays go exactly through one. A
+primitive counts as right if it is exactly first; the certified mode has to name the lowest of them. |dt| is in units of
+the last place of float64 (one of float32 is 5.4e8 of them). `0 (< x)`: none seen, so below x with 95% confidence.
+
+![error against time](error_against_time.png)
+![wrong answers](failures.png)
+"""
+SPEED_HEAD = """# Speed
+
+One core, peers taking turns, medians. Blender's casters take one ray a call and are asked in a Python loop over
+prebuilt Vectors, up to 16384 of the rays, evenly spread. Shadow rays ask for any hit, all others for the closest.
+
+![speed](speed.png)
+"""
+
+
+def write_report(numbers, folder):
+    """Write tables and plots of the sections that were measured into `folder`; return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    machine, settings = numbers["machine"], numbers["settings"]
+    caption = f"{machine['date']}, {machine['processor']}, one core, seed {settings['seed']}"
+    written = []
+
+    def write(name, lines):
+        written.append(folder / name)
+        written[-1].write_text("\n".join(lines).rstrip() + "\n")
+
+    def draw(name, plot):
+        written.append(folder / name)
+        plot(numbers, written[-1], caption)
+
+    if numbers.get("accuracy"):
+        draw("error_against_time.png", plots.plot_error_against_time)
+        draw("failures.png", plots.plot_failures)
+        write("accuracy.md", [ACCURACY_HEAD, *describe_run(numbers), *write_accuracy(numbers)])
+    if numbers.get("speed"):
+        draw("speed.png", plots.plot_speed)
+        write("speed.md", [SPEED_HEAD, *describe_run(numbers), *write_speed(numbers)])
+    return written
+
+
+if __name__ == "__main__":
+    for path in write_report(json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[2])):
+        print(path)
