@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 
 Vector = tuple[int, int, int]
 
+# Half of it is no float64: a number that underflows is off by less than this.
+LEAST_FLOAT = math.ulp(0.0)
+
 
 class Root(NamedTuple):
     """The number (rational + sign sqrt(radicand)) / scale with scale > 0: a triangle's t has radicand 0."""
@@ -134,9 +137,10 @@ def root_to_float(root: Root) -> tuple[float, float]:
     try:
         value = numerator / scale
     except OverflowError:
-        return math.copysign(math.inf, numerator), math.inf
+        return (math.inf if numerator > 0 else -math.inf), math.inf
     # A surd's integer square root is low by less than 1 / scale before rounding: far below the second half unit.
-    return value, math.ulp(value) * (0.5 if not root.radicand else 0.5 + 2.0**-40)
+    error = math.ulp(value) * (0.5 if not root.radicand else 0.5 + 2.0**-40)
+    return value, max(error, LEAST_FLOAT) if numerator else 0.0
 
 
 class ExactHit(NamedTuple):

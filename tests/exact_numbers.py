@@ -79,6 +79,11 @@ def exact_distance_error(distance, exact):
 
 
 def is_within(distance, bound, exact):
-    """Decide |distance - exact| <= bound, exactly, for a Fraction or a Surd."""
+    """Decide |distance - exact| <= bound, exactly, for a Fraction or a Surd.
+
+    An infinite distance stands for any beyond the largest float64, within an infinite bound.
+    """
+    if bound == float("inf"):
+        return abs(distance) < float("inf") or (distance > 0 and round_to_float(exact) == distance)
     distance, bound = Fraction(distance), Fraction(bound)
     return distance - bound <= exact <= distance + bound

@@ -67,7 +67,8 @@ class Caster:
         Notes
         -----
         Closed sets: a ray through an edge or vertex hits every triangle there; among equal distances the lowest
-        (instance, primitive) is returned. A triangle without area, or seen exactly edge-on, is never hit.
+        (instance, primitive) is returned. A triangle without area, or seen exactly edge-on, is never hit. A hit beyond
+        the largest float64 has an infinite distance and error.
         """
         rays = make_rays(origins, directions, t_min, t_max)
         hits = _misses(rays)

@@ -115,8 +115,12 @@ class Search:
         centre, radius = gather_spheres(self.primitives, primitive_id)
         return centre[TURNS[axis]], radius
 
+    @np.errstate(over="ignore", invalid="ignore")
     def offer(self, ray: Indices, primitive_id: Ids) -> Indices:
-        """Take in candidates, rays by index and primitives by id; return rays whose `best` may have changed."""
+        """Take in candidates, rays by index and primitives by id; return rays whose `best` may have changed.
+
+        Overflow shows as infinity or NaN, of which nothing is certain.
+        """
         changed = [self._offer_turned(ray[part], primitive_id[part], axis) for axis, part in self._by_axis(ray)]
         return np.concatenate(changed) if changed else ray[:0]
 
@@ -221,6 +225,7 @@ class Search:
                 found[left.ray[start]] = self._decide(left, start, stop).chosen >= 0
         return found
 
+    @np.errstate(over="ignore", invalid="ignore")
     def closest(self) -> Hits:
         """The closest hit of each ray."""
         count = len(self.rays)
