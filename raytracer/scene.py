@@ -247,7 +247,11 @@ class SpotLight(PointLight):
         label = f"SpotLight {self.name!r}"
         if self.world_from_light is None:
             _set(self, "world_from_light", np.eye(3))
-        _set_array(self, "world_from_light", np.float64, (3, 3), label)
+        matrix = _set_array(self, "world_from_light", np.float64, (3, 3), label)
+        if not abs(np.linalg.det(matrix)) > 0:
+            raise ValueError(
+                f"{label}: world_from_light: expected a matrix that can be inverted, got {matrix.tolist()}"
+            )
         _set_number(self, "spot_size", 0.0, np.pi, label)
         _set_number(self, "spot_blend", 0.0, 1.0, label)
 

@@ -27,7 +27,7 @@ class Settings:
     """The settings of a render.
 
     samples : rays per pixel
-    max_bounces : reflections, refractions and straight passages that a ray may go through
+    max_bounces : reflections and refractions that a ray may go through; straight passages do not count
     seed : another seed gives another, independent picture of the same noise
     passes : names from `film.PASSES`
     precision : 'certified', 'float64' or 'float32', see `raytracer.build`

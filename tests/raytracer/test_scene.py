@@ -301,3 +301,8 @@ def test_a_single_npy_array_is_refused_by_name(tmp_path):
     np.save(tmp_path / "array.npy", POSITIONS)
     with pytest.raises(ValueError, match=r"array\.npy: expected a scene"):
         raytracer.load(tmp_path / "array.npy")
+
+
+def test_a_spot_that_is_flattened_is_refused_by_name():
+    with pytest.raises(ValueError, match="SpotLight 'Lamp': world_from_light: expected a matrix that can be inverted"):
+        SpotLight((0, 0, 0), 1.0, world_from_light=np.diag([1.0, 1.0, 0.0]), name="Lamp")
