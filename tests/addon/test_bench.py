@@ -77,6 +77,9 @@ def test_tally_measures_distances_below_an_ulp() -> None:
 def test_tally_takes_distances_of_right_primitives_only() -> None:
     numbers = tally(TRUTH, answer([100, 2, 1 / 3, INF], [8, 7, 0, -1]))
     assert numbers["dt_max"] == pytest.approx(1 / 3)
+    at_start = make_truth([Fraction(0), Fraction(1)], [(0,), (0,)])
+    numbers = tally(at_start, answer([1e-9, 1 + ULP], [0, 0], [1, 2 * ULP]))
+    assert (numbers["dt_max"], numbers["bound_p99"], numbers["bound_violations"]) == (1, 2, 0)
     nothing = tally(TRUTH, answer([INF] * 4, [-1] * 4))
     assert nothing["dt_median"] is None
 

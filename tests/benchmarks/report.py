@@ -24,8 +24,9 @@ the last place of float64 (one of float32 is 5.4e8 of them). `0 (< x)`: none see
 """
 SPEED_HEAD = """# Speed
 
-One core, peers taking turns, medians. Blender's casters take one ray a call and are asked in a Python loop over
-prebuilt Vectors, up to 16384 of the rays, evenly spread. Shadow rays ask for any hit, all others for the closest.
+Processor time on one core, peers taking turns, medians. Blender's casters take one ray a call and are asked in a
+Python loop over prebuilt Vectors, up to 16384 of the rays, evenly spread. Shadow rays ask for any hit, all others for
+the closest.
 
 ![speed](speed.png)
 """

@@ -27,7 +27,7 @@ def describe_run(numbers):
         f"- {machine['date']}, {machine['processor']}, {machine['cores']} cores{load}, {machine['system']}",
         f"- Python {machine['python']}, {', '.join(versions)}",
         f"- seed {settings['seed']}, {settings['rays']} rays per set, {settings['speed_rays']} per speed batch, "
-        f"median of {settings['rounds']} rounds, one core, peers taking turns",
+        f"processor time, median of {settings['rounds']} rounds, one core, peers taking turns",
     ]
     return [*lines, *(f"- skipped {name}: {reason}" for name, reason in numbers["skipped"].items()), ""]
 

@@ -1,4 +1,8 @@
-"""Fair timing on a noisy machine: one core, casts taking turns, medians; and what the numbers were measured on."""
+"""Fair timing on a noisy machine: one core, casts taking turns, medians; and what the numbers were measured on.
+
+What is timed is the processor's time that the process took, all of its threads together: other programs on the machine
+do not count, and a library that runs threads of its own gains nothing by them.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +30,8 @@ def one_core():
         os.sched_setaffinity(0, cores)
 
 
-def take_turns(casts, rounds, on_progress=None):
-    """Return name -> median seconds of callables that take turns: A B C, A B C, ...
+def take_turns(casts, rounds):
+    """Return name -> median seconds of the processor for callables that take turns: A B C, A B C, ...
 
     Drift of the machine's speed then meets all of them alike. Each is called once before, unmeasured.
     """
@@ -36,19 +40,15 @@ def take_turns(casts, rounds, on_progress=None):
     seconds = {name: [] for name in casts}
     for _ in range(rounds):
         for name, cast in casts.items():
-            started = time.perf_counter()
-            cast()
-            seconds[name].append(time.perf_counter() - started)
-            if on_progress:
-                on_progress(1)
+            seconds[name].append(measure(cast)[1])
     return {name: statistics.median(values) for name, values in seconds.items()}
 
 
 def measure(function):
-    """Return (result, seconds) of one call."""
-    started = time.perf_counter()
+    """Return (result, seconds of the processor) of one call."""
+    started = time.process_time()
     result = function()
-    return result, time.perf_counter() - started
+    return result, time.process_time() - started
 
 
 def describe_machine():

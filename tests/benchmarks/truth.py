@@ -82,7 +82,7 @@ def tally(truth, answer, lowest_index=False):
     -------
     dict with rays, false_misses, false_hits, wrong_primitives (both hit, but a primitive that is not first; with
     `lowest_index`: not the lowest of the first ones), dt_median, dt_p99, dt_max (ulps of float64, over rays that name
-    a first primitive; None where there are none), bound_violations and bound_median, bound_p99 (ulps, of the promised
+    a first primitive and do not start on it, as 0 has no last place; None where there are none), bound_violations and bound_median, bound_p99 (ulps, of the promised
     bounds; None where nothing is promised).
     """
     count = len(answer.t)
@@ -91,13 +91,14 @@ def tally(truth, answer, lowest_index=False):
     first = truth.is_first(answer.primitive)
     right = answer.primitive == truth.index[:count] if lowest_index else first
     rays = np.flatnonzero(both & first)
+    measured = rays[truth.nearest[rays] != 0]
     numbers = {
         "rays": count,
         "false_misses": int((truth_hit & ~hit).sum()),
         "false_hits": int((~truth_hit & hit).sum()),
         "wrong_primitives": int((both & ~right).sum()),
     }
-    numbers |= summarise("dt", measure_ulps(truth, rays, answer.t[rays]), ("median", "p99", "max"))
+    numbers |= summarise("dt", measure_ulps(truth, measured, answer.t[measured]), ("median", "p99", "max"))
     return numbers | tally_bounds(truth, answer, rays)
 
 
@@ -106,7 +107,8 @@ def tally_bounds(truth, answer, rays):
     if answer.t_error is None:
         return {"bound_violations": None, "bound_median": None, "bound_p99": None}
     broken = sum(not holds(answer.t[ray], answer.t_error[ray], truth.exact[ray]) for ray in rays)
-    widths = answer.t_error[rays] / np.spacing(truth.nearest[rays])
+    measured = rays[truth.nearest[rays] != 0]
+    widths = answer.t_error[measured] / np.spacing(truth.nearest[measured])
     return {"bound_violations": broken} | summarise("bound", widths, ("median", "p99"))
 
 
