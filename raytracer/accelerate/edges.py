@@ -45,11 +45,11 @@ def edge_signs(lines: NDArray, corners: NDArray) -> tuple[NDArray[np.int8], Bool
     )
     signs = (edges > error).astype(np.int8) - (edges < -error)
     known = signs != 0
-    doubtful = np.flatnonzero(~known.all(axis=0))
-    touched = np.stack(
-        [refine.passes_through(origin[:, doubtful], direction[:, doubtful], p[:, doubtful]) for p in corners]
-    )
-    known[:, doubtful] |= touched[FIRST] | touched[SECOND]
+    # A line through a corner leaves both edges there in doubt.
+    corner, lane = np.nonzero(~known[FIRST] & ~known[SECOND])
+    touched = np.zeros_like(known)
+    touched[corner, lane] = refine.passes_through(origin[:, lane], direction[:, lane], corners[corner, :, lane].T)
+    known |= touched[FIRST] | touched[SECOND]
     edge, lane = np.nonzero(~known)
     p, q = corners[np.take(FIRST, edge), :, lane].T, corners[np.take(SECOND, edge), :, lane].T
     refined, known[edge, lane] = refine.edge_sign(origin[:, lane], direction[:, lane], p, q)
