@@ -82,8 +82,8 @@ def tally(truth, answer, lowest_index=False):
     -------
     dict with rays, false_misses, false_hits, wrong_primitives (both hit, but a primitive that is not first; with
     `lowest_index`: not the lowest of the first ones), dt_median, dt_p99, dt_max (ulps of float64, over rays that name
-    a first primitive and do not start on it, as 0 has no last place; None where there are none), bound_violations and bound_median, bound_p99 (ulps, of the promised
-    bounds; None where nothing is promised).
+    a first primitive and do not start on it, as 0 has no last place), bound_violations (None where nothing is
+    promised), bound_median, bound_p99 (ulps, of the promised bounds). A statistic of no values is None.
     """
     count = len(answer.t)
     truth_hit, hit = truth.index[:count] >= 0, answer.primitive >= 0
