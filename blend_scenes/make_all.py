@@ -4,8 +4,8 @@
     python -m blend_scenes.make_all glass lights            two of them
     python -m blend_scenes.make_all --gallery [glass ...]   the pictures, by this project's engine
 
-A picture is rendered through the command line, as a user would, and then written with a dithered palette of 256 colours:
-small enough for a repository. That needs Pillow.
+A picture is rendered through the command line, as a user would, and then written with a dithered palette of 256
+colours: small enough for a repository. That needs Pillow.
 """
 
 from __future__ import annotations
