@@ -27,11 +27,14 @@ TILE = 16
 SIGNIFICANCE = 0.01
 # Pixels around a pixel whose variance speaks for it too, see `pool_variance`.
 POOL = 5
-# Both pictures are stored in float32, and Cycles shades in it: a chain of this many rounded operations has a relative
-# error below gamma(n) = n u / (1 - n u), u = 2^-24; differences below it say nothing about who is right.
+# Cycles shades in float32; a path's value has been rounded about so many times.
 FLOAT32_OPERATIONS = 32
 FLOAT32_UNIT = 2.0**-24
-FLOAT32_SLACK = FLOAT32_OPERATIONS * FLOAT32_UNIT / (1 - FLOAT32_OPERATIONS * FLOAT32_UNIT)
+
+
+def float32_slack(operations: int) -> float:
+    """Return the relative error of so many float32 operations, gamma(n) = n u / (1 - n u): below it nothing is said."""
+    return operations * FLOAT32_UNIT / (1 - operations * FLOAT32_UNIT)
 
 
 def root_mean_square_error(image: Floats, reference: Floats) -> float:
@@ -132,25 +135,26 @@ def correct_significance(tests: int, significance: float = SIGNIFICANCE) -> floa
     return float(-np.expm1(np.log1p(-significance) / tests))
 
 
-def find_failing(ours: Floats, theirs: Floats, pool: int = 1) -> Booleans:
+def find_failing(ours: Floats, theirs: Floats, summed: int = 0, pool: int = 1) -> Booleans:
     """Return (h, w): pixels (or tiles) of which a channel differs by more than noise and float32 rounding explain.
 
     Parameters
     ----------
     ours, theirs : (k, h, w, c) float, k independent renders each
+    summed : samples that were added up in float32 in each pixel
     pool : as in `compare_means`
     """
     scale = np.maximum(np.abs(ours).max(axis=0), np.abs(theirs).max(axis=0))
-    p_value = compare_means(ours, theirs, FLOAT32_SLACK * scale, pool)
+    p_value = compare_means(ours, theirs, float32_slack(FLOAT32_OPERATIONS + summed) * scale, pool)
     return (p_value < correct_significance(p_value.size)).any(axis=-1)
 
 
-def share_failing_pixels(ours: Floats, theirs: Floats) -> float:
+def share_failing_pixels(ours: Floats, theirs: Floats, summed: int = 0) -> float:
     """Return the share of pixels that fail the test; Mitsuba 3's bar is 0.0025."""
-    return float(find_failing(ours, theirs, POOL).mean())
+    return float(find_failing(ours, theirs, summed, POOL).mean())
 
 
-def share_failing_tiles(ours: Floats, theirs: Floats, size: int = TILE) -> float:
+def share_failing_tiles(ours: Floats, theirs: Floats, summed: int = 0, size: int = TILE) -> float:
     """Return the share of tiles that fail: hundreds of pixels averaged, a bias far below the noise of one shows."""
     tiles = [np.stack([average_tiles(batch, size) for batch in side]) for side in (ours, theirs)]
-    return float(find_failing(*tiles).mean())
+    return float(find_failing(tiles[0], tiles[1], summed).mean())

@@ -18,6 +18,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.direct_light import MAX_PASSAGES
+
 from ..engine import ENGINE
 from ..passes import PASSES, enable_passes
 from ..versions import blender_pass_name, set_image_format
@@ -38,7 +40,8 @@ PLAIN_RENDER = {
     "threads_mode": "FIXED",
     "threads": 1,
 }
-# Cycles without anything that trades correctness for speed or looks: no clamping, blurring, skipping or denoising.
+# Cycles without anything that trades correctness for speed or looks: no clamping, blurring, skipping or denoising, and
+# samples that are scrambled afresh for each seed and pixel, not taken from a table.
 UNBIASED_CYCLES = {
     "device": "CPU",
     "shading_system": False,
@@ -47,7 +50,7 @@ UNBIASED_CYCLES = {
     "use_guiding": False,
     "use_fast_gi": False,
     "use_animated_seed": False,
-    "sampling_pattern": "TABULATED_SOBOL",
+    "sampling_pattern": "SOBOL_BURLEY",
     "auto_scrambling_distance": False,
     "scrambling_distance": 1.0,
     "sample_clamp_direct": 0.0,
@@ -68,9 +71,12 @@ UNBIASED_CYCLES = {
 class Request:
     """What both engines shall render.
 
-    samples : per pixel and batch; seed : of the first batch, the next ones count up; batches : independent renders
+    samples : per pixel and batch; Cycles takes `cycles_factor` times as many
+    batches : independent renders; seed : of the first, the next ones count up
     pixel_filter : 'BOX', one pixel wide whatever the width (Cycles' is), or 'BLACKMAN_HARRIS' of `filter_width` pixels
-    max_bounces : of reflection, refraction and transparency; neither engine follows diffuse bounces
+    through_centre : Cycles takes its first sample through the centre, which pulls a picture of few samples towards what
+        is seen there; False leaves that sample out
+    max_bounces : of reflection and refraction; neither engine follows diffuse bounces, nor counts transparency
     """
 
     width: int
@@ -81,7 +87,9 @@ class Request:
     seed: int = 0
     pixel_filter: str = "BOX"
     filter_width: float = 1.0
+    through_centre: bool = False
     passes: tuple[str, ...] = ("Combined",)
+    cycles_factor: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,16 +133,19 @@ def exr_output(scene: Any, path: Path) -> Iterator[None]:
 def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[None]:
     """Set a scene up so that both engines compute the same picture."""
     bounces = request.max_bounces
-    limits = {f"{kind}_bounces": bounces for kind in ("max", "glossy", "transmission", "transparent_max")}
+    limits = {f"{kind}_bounces": bounces for kind in ("max", "glossy", "transmission")}
     cycles = {
         **UNBIASED_CYCLES,
         **limits,
         "diffuse_bounces": 0,
         "volume_bounces": 0,
-        "samples": request.samples,
+        "transparent_max_bounces": MAX_PASSAGES,
+        "samples": request.samples * request.cycles_factor,
         "pixel_filter_type": request.pixel_filter,
         "filter_width": request.filter_width,
     }
+    if not request.through_centre:
+        cycles |= skip_samples(scene.cycles, request.samples * request.cycles_factor)
     ours = {
         "samples": request.samples,
         "max_bounces": bounces,
@@ -145,7 +156,11 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
     size = {"resolution_x": request.width, "resolution_y": request.height}
     switches = {stored.option: getattr(view_layer, stored.option) for stored in PASSES.values()}
     others = {layer.name: layer.use for layer in scene.view_layers}
+    preferences = bpy.context.preferences
     with (
+        # Without these two Blender does not offer the sampling pattern.
+        changed(preferences.view, show_developer_ui=True),
+        changed(preferences.experimental, use_cycles_debug=True),
         changed(scene.render, engine=scene.render.engine, **PLAIN_RENDER, **size),
         changed(scene.cycles, seed=scene.cycles.seed, **cycles),
         changed(scene.reference_raytracer, seed=scene.reference_raytracer.seed, **ours),
@@ -159,6 +174,13 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         finally:
             for name, use in others.items():
                 scene.view_layers[name].use = use
+
+
+def skip_samples(settings: Any, count: int) -> dict[str, Any]:
+    """Return the settings of Cycles that take `count` samples of its sequence, after the first `count`."""
+    if hasattr(settings, "use_sample_subset"):  # 4.5
+        return {"use_sample_subset": True, "sample_offset": count, "sample_subset_length": count, "samples": 2 * count}
+    return {"sample_offset": count}
 
 
 def render_batches(scene: Any, view_layer: Any, engine: str, request: Request) -> Rendering:

@@ -35,10 +35,13 @@ class PassDifference:
 
     differing : (h, w) bool, pixels whose difference float32 does not explain
     largest_elsewhere : the largest difference in the other pixels, in the pass's own unit
+    ours, cycles : (h, w, c) float32, one render of each
     """
 
     differing: NDArray[np.bool_]
     largest_elsewhere: float
+    ours: NDArray[np.floating]
+    cycles: NDArray[np.floating]
 
     @property
     def share(self) -> float:
@@ -47,8 +50,9 @@ class PassDifference:
 
 @dataclass(frozen=True, eq=False)
 class CyclesComparison:
-    """Combined of both engines in batches (k, h, w, 4), and the differences of the passes by name."""
+    """Combined of both engines in batches (k, h, w, 4) of `samples` each, and the differences of the passes by name."""
 
+    samples: int
     ours: Rendering
     cycles: Rendering
     passes: dict[str, PassDifference]
@@ -61,7 +65,7 @@ class CyclesComparison:
             "rmse": metrics.root_mean_square_error(mean_ours, mean_cycles),
             "rel_mse": metrics.relative_mean_square_error(mean_ours, mean_cycles),
             "flip": mean_flip(mean_ours, mean_cycles),
-            "z_fail_share": metrics.share_failing_pixels(ours, cycles),
+            "z_fail_share": metrics.share_failing_pixels(ours, cycles, self.samples),
             "tile_error": metrics.largest_tile_difference(mean_ours, mean_cycles),
             "passes": {name: difference.share for name, difference in self.passes.items()},
             "ours_seconds": self.ours.seconds,
@@ -88,7 +92,7 @@ def compare_with_cycles(
     max_bounces = scene.reference_raytracer.max_bounces
     picture = Request(width, height, max(1, samples // batches), max_bounces, batches)
     ours, cycles = render_both(scene, view_layer, picture)
-    return CyclesComparison(ours, cycles, compare_passes(scene, view_layer, width, height))
+    return CyclesComparison(picture.samples, ours, cycles, compare_passes(scene, view_layer, width, height))
 
 
 def compare_passes(scene: Any, view_layer: Any, width: int, height: int) -> dict[str, PassDifference]:
@@ -100,7 +104,15 @@ def compare_passes(scene: Any, view_layer: Any, width: int, height: int) -> dict
     """
     names = ("Combined", *POINT_PASSES, *INDEX_PASSES)
     centres = Request(
-        width, height, 1, 0, CENTRE_BATCHES, pixel_filter="BLACKMAN_HARRIS", filter_width=CENTRE_WIDTH, passes=names
+        width,
+        height,
+        samples=1,
+        max_bounces=0,
+        batches=CENTRE_BATCHES,
+        pixel_filter="BLACKMAN_HARRIS",
+        filter_width=CENTRE_WIDTH,
+        through_centre=True,
+        passes=names,
     )
     ours, cycles = render_both(scene, view_layer, centres)
     return {name: compare_pass(name, ours.passes[name], cycles.passes[name][0]) for name in names[1:]}
@@ -120,11 +132,11 @@ def compare_pass(name: str, ours: NDArray[np.floating], cycles: NDArray[np.float
         allowed = np.zeros_like(difference)
     else:
         surface = cycles[np.abs(cycles) < BACKGROUND_DEPTH]
-        rounding = metrics.FLOAT32_SLACK * np.abs(surface).max(initial=0.0)
+        rounding = metrics.float32_slack(metrics.FLOAT32_OPERATIONS) * np.abs(surface).max(initial=0.0)
         point = np.maximum((highest - lowest).max(axis=-1), SAME_POINT * measure_largest_step(cycles))
         allowed = point + rounding
     differing = ~(difference <= allowed)
-    return PassDifference(differing, float(difference[~differing].max(initial=0.0)))
+    return PassDifference(differing, float(difference[~differing].max(initial=0.0)), ours[0], cycles)
 
 
 # Cycles' depth where a ray hits nothing.
