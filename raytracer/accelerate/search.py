@@ -79,6 +79,7 @@ class Search:
         self.edge_error = self._bound_edges() if self.certified else np.zeros(len(rays), primitives.dtype)
         self.exact_count = 0
 
+    @np.errstate(over="ignore")
     def _bound_edges(self) -> Floats:
         """(n,) one edge-function bound per ray, from the farthest coordinate of any triangle."""
         low, high = self.primitives.bounds
@@ -169,9 +170,8 @@ class Search:
         t = np.where(passed, roots.far, roots.near)
         sure = roots.discriminant > roots.discriminant_error
         possible = ~(roots.discriminant < -roots.discriminant_error)
-        # Doubt which root is the first in range: the far one's interval has to count as well.
-        split = ~passed & ~(roots.near - roots.error >= t_min)
-        return self._weigh(ray, primitive_id, t, np.where(split, np.inf, roots.error), sure & ~split, possible)
+        # Where doubt remains which root is the first in range, the near one's interval reaches below it: not certain.
+        return self._weigh(ray, primitive_id, t, roots.error, sure, possible)
 
     def _accept(self, ray: Indices, primitive_id: Ids, t: Floats) -> Indices:
         """Plain precisions: believe t (NaN = no hit); nearest first, then the lowest id."""

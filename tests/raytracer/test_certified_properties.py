@@ -89,7 +89,8 @@ def test_ranges_of_generated_scenes_equal_exact_arithmetic(generated, low_side, 
     low, high = (t if side is None else np.nextafter(t, side) for side in (low_side, high_side))
     for name in ACCELERATORS:
         caster = build_with(name, scene)
-        for ranges in ({"t_max": high}, {"t_min": low}, {"t_min": low, "t_max": high}):
+        empty = ({"t_max": -np.inf}, {"t_min": np.inf}, {"t_min": -2.0, "t_max": -1.0})
+        for ranges in ({"t_max": high}, {"t_min": low}, {"t_min": low, "t_max": high}, {"t_min": -1.0}, *empty):
             hits = caster.closest_hit(*rays, **ranges)
             judge_hits(caster, hits, *rays, **ranges)
             np.testing.assert_array_equal(caster.any_hit(*rays, **ranges), hits.hit)

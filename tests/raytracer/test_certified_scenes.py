@@ -7,17 +7,13 @@ judged in integers. Millions of rays are in `test_certified_millions.py`, genera
 Mutations that were tried, and a test of these three files (S, M, P) that turns red:
 """
 
-from fractions import Fraction
 from functools import partial
 
 import numpy as np
 import pytest
 
 import raytracer
-from raytracer import refine
-from raytracer.accelerate import bvh, hierarchy, traverse
-from raytracer.accelerate.search import Search
-from raytracer.rays import make_rays
+from raytracer.accelerate import hierarchy, traverse
 from tests import exact_oracle, meshes
 from tests.exact_numbers import round_to_float
 from tests.judging import assert_same_hits, build_with, judge, judge_hits, mesh_scene, sphere_scene
@@ -179,84 +175,6 @@ def test_batch_equals_single_rays(case):
         together = caster.closest_hit(origins, directions)
         for ray, (origin, direction) in enumerate(zip(origins, directions, strict=True)):
             assert_same_hits(caster.closest_hit(origin, direction), together.select(slice(ray, ray + 1)))
-
-
-def exact_cross(p, q):
-    return [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
-
-
-def as_fractions(vector):
-    return [Fraction(float(x)) for x in vector]
-
-
-def unimodular_matrix(generator, steps):
-    """Integer rows (3, 3) of determinant 1 with entries that grow with the number of shears."""
-    matrix = np.eye(3, dtype=object)
-    for _ in range(steps):
-        one, other = generator.permutation(3)[:2]
-        matrix[one] += matrix[other] * int(generator.integers(1, 8))
-    return matrix
-
-
-@pytest.mark.parametrize("determinant", [1, 0])
-def test_zero_is_told_from_the_smallest_edge_function_there_can_be(rng, determinant):
-    """d . (P x Q) of integers is 0 or at least 1: rows of large numbers with either determinant."""
-    certain_zeros = doubts = 0
-    for steps in range(1, 60):
-        rows = unimodular_matrix(rng, steps)
-        if not determinant:
-            rows[0] = rows[1] + rows[2]
-        if max(abs(rows).ravel()) >= 1 << 52:
-            continue
-        direction, p, q = rows.astype(np.float64)[:, :, np.newaxis]
-        sign, certain = refine.edge_sign(np.zeros((3, 1)), direction, p, q)
-        assert sign[0] == determinant * certain[0]
-        certain_zeros += certain[0] and not determinant
-        doubts += not certain[0]
-    assert certain_zeros or determinant
-    assert doubts  # numbers grow until pairs of floats do not suffice
-
-
-def test_rays_through_a_point_are_told_from_those_that_pass_it_by_rounding(rng):
-    relative = rng.normal(size=(3, 400))
-    direction = relative * rng.choice([0.5, -2.0, 1 / 3, 0.7, 1e-20], 400)
-    origin = np.round(rng.normal(size=(3, 400)) * 8) / 8 * rng.integers(0, 2, 400)
-    tiny = np.array([(1e-170, 2e-170, 0.0), (3e-170, 1e-170, 0.0)]).T  # products underflow
-    origin, relative = np.column_stack([origin, np.zeros(3)]), np.column_stack([relative, tiny[:, 0]])
-    direction = np.column_stack([direction, tiny[:, 1]])
-    point = origin + relative
-    passing = refine.passes_through(origin, direction, point)
-    for ray in range(401):
-        away = [x - y for x, y in zip(as_fractions(point[:, ray]), as_fractions(origin[:, ray]), strict=True)]
-        if passing[ray]:
-            assert exact_cross(away, as_fractions(direction[:, ray])) == [0, 0, 0]
-    assert passing[(direction[:, :400] == relative[:, :400] * 0.5).all(axis=0).nonzero()[0]].sum() > 20
-    assert not passing[400]
-
-
-def test_candidates_at_one_distance_stay_until_the_lowest_index_is_chosen():
-    """Bounds of zero, as they could only be: two candidates that touch each other's bounds are both kept."""
-    caster = build_with("bvh", mesh_scene(*[meshes.make_quad()] * 2))
-    search = Search(caster.primitives, make_rays((0.25, 0.125, 1.0), (0.0, 0.0, -1.0), t_max=1.0), any_hit=False)
-    one, yes = np.ones(2), np.ones(2, dtype=bool)
-    search._weigh(np.zeros(2, np.intp), np.array([2, 0]), one, one * 0, yes, yes.copy())
-    assert search._remaining().primitive_id.tolist() == [0, 2]
-    assert search.closest().instance.tolist() == [0]
-
-
-def test_boxes_of_the_tree_are_rounded_outward(rng):
-    """The boxes hold the items' boxes themselves, moved to the frame in exact arithmetic."""
-    low = rng.normal(size=(300, 3)) + 1e3
-    boxes = np.stack([low, low + rng.random((300, 3))], axis=1)
-    frame = bvh.make_frame(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
-    rounded = bvh.to_frame(frame, boxes).astype(np.float64).reshape(-1, 2, 3)
-    unit = Fraction(2) ** -frame.exponent
-    for side, outward in ((0, -1), (1, 1)):
-        for row, box in zip(rounded[:, side], boxes[:, side], strict=True):
-            for axis in range(3):
-                exact = (Fraction(box[axis]) - Fraction(frame.centre[axis])) / unit
-                # One rounding of the difference, to float64, is left to the rays' pad.
-                assert outward * (Fraction(row[axis]) - exact) >= -abs(exact) / 2**53
 
 
 def closed_mesh(name):
