@@ -1,10 +1,39 @@
 """Certified hits equal exact arithmetic: a seeded sample on closed meshes, spheres and instances of many kinds.
 
 Each scene is cast into by rays at vertices, at edges, along axes and at random, by brute force and by the tree, and
-judged in integers. Millions of rays are in `test_certified_millions.py`, generated scenes in
-`test_certified_properties.py`.
+judged in integers. Beside this file stand `test_certified_limits.py` (each margin at its limit),
+`test_certified_properties.py` (generated scenes) and `test_certified_millions.py` (the slow tier).
 
-Mutations that were tried, and a test of these three files (S, M, P) that turns red:
+Mutations that were tried, and what turned red (here: this file; L: limits, P: properties; B: test_predicates.py):
+
+    predicates   EDGE_BOUND u / 4                                       here, at vertices of an icosphere
+                 NUMERATOR_BOUND, DENOMINATOR_BOUND / 64                here, along axes; B
+                 no gamma(6) in the discriminant's bound                B
+    refine       _DETERMINANT_BOUND 2^-20 of itself                     here; L, from far away
+                 half an ulp 0.45; without its least float; no Newton   L, B; L; L
+                 exact zero claimed for units 2^12 too large            L, smallest edge functions
+                 exact vertex: without low parts, remainder, underflow  L, points passed by rounding
+    exact        t_min or t_max exclusive; ties to the last             here
+                 no error below the least float; t_max = -inf ignored   L, underflow and overflow
+    search       ties to the last; all certain candidates tied          here
+                 pool keeps low < best instead of <=                    L, candidates at one distance
+                 best lowered to t instead of t's upper bound           here, along axes
+                 candidates in doubt count as any hit                   L, edges that pairs leave in doubt
+                 t_max compared with t; t_min not at all                here, ranges
+                 edge bound from the nearest axis, from flat ones only  L, one bound per ray
+    crossings    edges and vertices counted as closed sets              here
+    culling      no pad; no float32 share of it; reciprocals capped low here
+                 SLACK_OF_DISTANCE 0                                    here, ranges of the needle lens
+                 no float64 error; moved into the box                   L, from far away
+    bvh          boxes rounded to nearest                               L, boxes rounded outward
+    hierarchy    sphere boxes too small; best distance 2^-20 too small  L, tangents; here
+    placed       no error at all in the pad                             here, instances very far away
+    primitives   no rounding in boxes of instances                      L, boxes of cubes
+
+Not caught, because another margin covers them: SLACK = 1 (a row's pad of 4 u (1 + |o|) exceeds the u |o| of rounding o
+and the 3 u (1 + |o|) of the three operations on t), the slack of a moved start (the subtraction is exact where it
+matters), `corner_error` alone (the terms for the origin, of the same kind and size, have twice the margin needed), the
+reciprocal without a cap (0 * inf then needs a padded origin on a box plane, which is a miss).
 """
 
 from functools import partial
