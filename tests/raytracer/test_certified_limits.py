@@ -95,7 +95,7 @@ def test_distances_that_underflow_or_overflow_keep_their_bounds(accelerator, sca
 def test_distance_below_the_least_float_has_a_bound(accelerator):
     """t = 2^-1000 / 2^199 is 0 as a float64, and no bound of 0 is right."""
     positions, triangles = meshes.make_quad(2.0**199)
-    caster = build_with(accelerator, mesh_scene((positions + [0.0, 0.0, 2.0**-1000], triangles)))
+    caster = build_with(accelerator, mesh_scene((np.add(positions, (0.0, 0.0, 2.0**-1000)), triangles)))
     hits = judge(caster, (2.0**190, 2.0**180, 0.0), (0.0, 0.0, 2.0**199))
     assert hits.hit.all()
     assert hits.distance[0] == 0
