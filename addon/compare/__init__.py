@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
 from ..command_line import CommandError, open_blend
@@ -45,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run `compare`: print the numbers, write the picture if asked."""
-    if arguments.output and arguments.other != "cycles":
-        raise CommandError("-o: only a comparison with cycles has a picture")
+    if arguments.output:
+        check_picture(arguments)
     bpy = open_blend(arguments.file)
     samples = arguments.samples or DEFAULT_SAMPLES[arguments.other]
     compare = run_cycles if arguments.other == "cycles" else run_ray_cast
@@ -56,6 +57,17 @@ def run(arguments: argparse.Namespace) -> None:
         print(json.dumps(numbers), flush=True)
     else:
         print_numbers(numbers)
+
+
+def check_picture(arguments: argparse.Namespace) -> None:
+    """Raise CommandError where the picture asked for could not be written, before minutes of rendering."""
+    path = Path(arguments.output)
+    if arguments.other != "cycles":
+        raise CommandError("-o: only a comparison with cycles has a picture")
+    if path.suffix.lower() != ".png":
+        raise CommandError(f"{path}: expected a name that ends in .png")
+    if not path.parent.is_dir():
+        raise CommandError(f"{path.parent}: no such folder")
 
 
 def run_cycles(bpy: Any, size: tuple[int, int], samples: int, output: str | None) -> dict[str, Any]:

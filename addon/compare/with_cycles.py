@@ -122,8 +122,9 @@ def compare_pass(name: str, ours: NDArray[np.floating], cycles: NDArray[np.float
     """Return where and by how much a pass of Cycles' (h, w, c) lies outside the range of ours (k, h, w, c).
 
     Indices have to lie inside. Values may lie outside by the width of the range (the limb of a sphere), by `SAME_POINT`
-    of the step to the farthest neighbour (Cycles interpolates by float32 barycentric coordinates), and by float32
-    rounding of the largest value in the picture (a coordinate is the rounded difference of larger ones).
+    of the step to the farthest neighbour (Cycles interpolates by float32 barycentric coordinates), by the steps in
+    which Cycles stores normals, and by float32 rounding of the largest value in the picture (a coordinate is the
+    rounded difference of larger ones).
     """
     ours, cycles = ours.astype(np.float64), cycles.astype(np.float64)
     lowest, highest = ours.min(axis=0), ours.max(axis=0)
@@ -134,11 +135,14 @@ def compare_pass(name: str, ours: NDArray[np.floating], cycles: NDArray[np.float
         surface = cycles[np.abs(cycles) < BACKGROUND_DEPTH]
         rounding = metrics.float32_slack(metrics.FLOAT32_OPERATIONS) * np.abs(surface).max(initial=0.0)
         point = np.maximum((highest - lowest).max(axis=-1), SAME_POINT * measure_largest_step(cycles))
-        allowed = point + rounding
+        allowed = point + rounding + (NORMAL_STORAGE if name == "Normal" else 0.0)
     differing = ~(difference <= allowed)
     return PassDifference(differing, float(difference[~differing].max(initial=0.0)), ours[0], cycles)
 
 
+# Cycles 5.2 stores a vertex normal in two words of 16 bits, on an octahedron: each is off by up to 1 / 65535, which
+# the way back to the sphere magnifies by up to the square root of 3.
+NORMAL_STORAGE = 2 * 3**0.5 / 65535
 # Cycles' depth where a ray hits nothing.
 BACKGROUND_DEPTH = 1e10
 

@@ -24,6 +24,8 @@ from raytracer.accelerate.geometry import world_corners
 from raytracer.camera import primary_rays
 
 SCENES = sorted((Path(__file__).parents[2] / "blend_scenes").glob("*.blend"))
+# The largest scenes: their pictures, and more bounces, are compared in the slow tier.
+LARGE = ("forest", "still_life", "terrain")
 # Mitsuba 3's render tests let so many pixels fail.
 MITSUBA_BAR = 0.0025
 PASS_SIZE = (64, 36)
@@ -39,6 +41,10 @@ def _registered():
     addon.register()
     yield
     addon.unregister()
+
+
+def mark_large(paths):
+    return [pytest.param(path, id=path.stem, marks=pytest.mark.slow if path.stem in LARGE else ()) for path in paths]
 
 
 def open_scene(path):
@@ -82,7 +88,7 @@ def test_there_are_scenes_to_compare():
     assert SCENES, "no .blend in blend_scenes/: make them with python -m blend_scenes.make_all"
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", mark_large(SCENES))
 def test_passes_at_pixel_centres_agree(path, record_property):
     passes = compare_passes(*open_scene(path), *PASS_SIZE)
     record_property("largest_elsewhere", {name: item.largest_elsewhere for name, item in passes.items()})
@@ -99,7 +105,7 @@ COPLANAR = {
 }
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", mark_large(SCENES))
 def test_pictures_of_the_scenes_agree(path, record_property):
     comparison = compare_with_cycles(*open_scene(path), *PICTURE_SIZE, samples=64)
     numbers = comparison.summarise()
@@ -266,7 +272,7 @@ SPECULAR = (
 
 
 @pytest.mark.parametrize("name", SPECULAR)
-@pytest.mark.parametrize("bounces", [1, 4])
+@pytest.mark.parametrize("bounces", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_ball_of_one_closure_with_bounces_agrees(name, bounces):
     assert_pictures_agree(make_showcase(name), samples=16, max_bounces=bounces)
 

@@ -30,7 +30,14 @@ MESHES_PER_SCENE = 2
 # intersects (about 10 operations) and rounds the result back: about 32 roundings of numbers of the scene's size.
 FLOAT32_STEPS = 32
 UNIT = 2.0**-24
+# Objects that Scene.ray_cast does not see: NURBS surfaces in Blender 4.2 (it does in 5.0).
+UNSEEN = {"SURFACE"} if bpy.app.version < (5, 0) else set()
 TINY = np.finfo(float).tiny
+
+
+def mark_large(paths):
+    large = ("forest", "still_life", "terrain")
+    return [pytest.param(path, id=path.stem, marks=pytest.mark.slow if path.stem in large else ()) for path in paths]
 
 
 def open_scene(path):
@@ -106,9 +113,12 @@ def distance_to_polygon_border(sides, rays, target, polygon):
 def find_unexplained(comparison, sides, accuracy):
     """Return the rays that Blender decides wrongly although nothing lies within its rounding error."""
     ours, blender, rays = comparison.ours, comparison.blender, comparison.rays
+    unseen = [number for (name, _), number in sides.target_of_key.items() if bpy.data.objects[name].type in UNSEEN]
     level = comparison.position_error <= 2 * accuracy.depth  # two surfaces that float32 cannot tell apart
     unexplained = []
     for ray in comparison.judged[comparison.blender_wrong]:
+        if ours.target[ray] in unseen:
+            continue
         borders = [
             distance_to_polygon_border(
                 sides, (rays.origins[ray], rays.directions[ray]), answer.target[ray], answer.polygon[ray]
@@ -182,7 +192,7 @@ def find_meshes(depsgraph):
     return [shown.evaluated_get(depsgraph) for shown in ordered[:MESHES_PER_SCENE]]
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", mark_large(SCENES))
 def test_object_ray_cast_and_bvh_tree_agree(path):
     _, depsgraph = open_scene(path)
     for shown in find_meshes(depsgraph):
