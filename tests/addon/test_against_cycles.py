@@ -125,12 +125,12 @@ def make_grey():
     return building.make_shader("Grey", "Diffuse", (0.8, 0.6, 0.4))
 
 
-def assert_pictures_agree(scene, samples, max_bounces=0, batches=12):
+def assert_pictures_agree(scene, samples, max_bounces=0, batches=12, cycles_factor=CYCLES_FACTOR):
     """Colour and alpha: pixels by Mitsuba 3's bar; whole tiles, where noise averages out, all of them."""
-    request = Request(*SMALL_SIZE, samples, max_bounces, batches, cycles_factor=CYCLES_FACTOR)
+    request = Request(*SMALL_SIZE, samples, max_bounces, batches, cycles_factor=cycles_factor)
     ours, cycles = (side.passes["Combined"] for side in render_both(scene, bpy.context.view_layer, request))
     assert ours[..., :3].max() > 0
-    summed = samples * CYCLES_FACTOR
+    summed = samples * cycles_factor
     assert metrics.share_failing_pixels(ours, cycles, summed) <= MITSUBA_BAR
     assert metrics.share_failing_tiles(ours, cycles, summed, size=8) == 0.0
 
@@ -199,12 +199,13 @@ def test_the_world_agrees():
 
 
 def test_transparent_film_agrees():
+    """The horizon runs close to pixels' centres: Cycles' first sample, if not left out, would show."""
     scene = make_stage()
     scene.render.film_transparent = True
     building.set_world((0.4, 0.5, 0.7), 1.5)
     bpy.context.scene.camera.location.z = 1.0
     building.aim(bpy.context.scene.camera, (0, 0, 1.0))
-    assert_pictures_agree(scene, samples=16)
+    assert_pictures_agree(scene, samples=16, cycles_factor=1)
 
 
 WARM = (0.9, 0.6, 0.3)

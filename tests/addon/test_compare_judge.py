@@ -67,6 +67,19 @@ def test_what_lies_behind_is_not_hit():
     assert find_first(make_judge(QUAD), (0.75, 0.25, 1), (0, 0, 1)) == set()
 
 
+def test_between_two_surfaces_only_the_one_in_front_is_hit():
+    both = raytracer.Mesh(
+        np.concatenate([QUAD.positions, QUAD.positions + np.array([0, 0, 2])]),
+        np.concatenate([QUAD.triangles, QUAD.triangles + 4]),
+    )
+    assert find_first(make_judge(both), (0.75, 0.25, 0.5), (0, 0, 1)) == {(0, 2)}
+    assert find_first(make_judge(both), (0.75, 0.25, 0.5), (0, 0, -1)) == {(0, 0)}
+
+
+def test_a_ray_that_starts_on_a_triangle_hits_it():
+    assert find_first(make_judge(QUAD), (0.75, 0.25, 0), (0, 0, 1)) == {(0, 0)}
+
+
 def test_the_nearer_of_two_surfaces_one_ulp_apart_is_hit():
     lifted = raytracer.Mesh(QUAD.positions + np.array([0, 0, 2.0**-40]), QUAD.triangles)
     assert find_first(make_judge(QUAD, lifted), (0.75, 0.25, 1), (0, 0, -1)) == {(1, 0)}
