@@ -8,6 +8,7 @@ film = raytracer.render(scene, width, height, samples)
 
 from raytracer.accelerate import Caster, build
 from raytracer.film import Film
+from raytracer.programs import Image, Program, Register, Step
 from raytracer.rays import Hits, Rays
 from raytracer.render import render
 from raytracer.scene import (
@@ -23,9 +24,8 @@ from raytracer.scene import (
     SpotLight,
     SunLight,
     World,
-    load,
-    save,
 )
+from raytracer.scene_file import load, save
 from raytracer.settings import Settings
 from raytracer.workers import WorkerError, Workers
 
@@ -36,15 +36,19 @@ __all__ = [
     "Closure",
     "Film",
     "Hits",
+    "Image",
     "Instances",
     "Material",
     "Mesh",
     "PointLight",
+    "Program",
     "Rays",
+    "Register",
     "Scene",
     "Settings",
     "Spheres",
     "SpotLight",
+    "Step",
     "SunLight",
     "WorkerError",
     "Workers",

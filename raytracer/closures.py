@@ -52,7 +52,8 @@ SMALLEST_ETA_STEP = 1e-4
 # A rough lobe is picked at least so often, as a share of its weight.
 SMALLEST_PICK = 2.0**-6
 
-PARAMETERS = tuple(field.name for field in dataclasses.fields(Closure) if field.name != "kind")
+# What a Closure says in numbers and colours; its kind decides on the function, its normal stands in `Points`.
+PARAMETERS = tuple(field.name for field in dataclasses.fields(Closure) if field.name not in ("kind", "normal"))
 Rows = NDArray[np.int64]
 
 

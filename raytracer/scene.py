@@ -1,17 +1,13 @@
-"""The scene: frozen records of arrays, checked when they are made, saved and loaded as one .npz.
+"""The scene: frozen records of arrays, checked when they are made; `scene_file` saves and loads them.
 
 World space is Blender's: metres, right-handed, z up. Radiometry is linear RGB in the renderer's working space.
 A record that a scene lacks is None or an empty tuple; what the content needs is derived from it (`features.py`).
-Imports `checks` only.
+Imports `checks` and `programs`.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import json
-import zipfile
-import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.checks import as_array, require_choice, require_finite, require_range
-
-FILE_FORMAT = "reference-raytracer-scene-1"
+from raytracer.programs import Program, Register, check_register, make_value
 
 
 def _set(record: Any, name: str, value: Any) -> None:
@@ -58,6 +53,8 @@ class Mesh:
     normals : (v, 3) per vertex or (t, 3, 3) per corner, float64; None = flat
     uvs : (v, 2) per vertex or (t, 3, 2) per corner, float64; None = none
     material : int, or (t,) int32, index into the scene's materials
+    attributes : by name, (v, k) per vertex or (t, 3, k) per corner, float64, for the programs of materials; k = 1
+        number, 2 as uvs, 3 vector, 4 color with alpha. "generated" holds Blender's Generated coordinates
     """
 
     positions: Any
@@ -66,6 +63,7 @@ class Mesh:
     uvs: Any = None
     material: Any = 0
     name: str = ""
+    attributes: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         label = f"Mesh {self.name!r}" if self.name else "Mesh"
@@ -82,7 +80,16 @@ class Mesh:
                 per_corner = np.ndim(getattr(self, name)) == 3
                 shape = (len(triangles), 3, width) if per_corner else (len(positions), width)
                 _set_array(self, name, np.float64, shape, label)
+        _set(self, "attributes", {name: self._check_attribute(name, label) for name in self.attributes})
         _set_material(self, len(triangles), label)
+
+    def _check_attribute(self, name: str, label: str) -> NDArray[Any]:
+        value = np.asarray(self.attributes[name])
+        rows = (len(self.triangles), 3) if value.ndim == 3 else (len(self.positions),)
+        array = as_array(value, np.float64, (*rows, "k"), f"{label}: attribute {name!r}")
+        require_range(np.asarray(array.shape[-1]), 1, 4, f"{label}: attribute {name!r}: width")
+        require_finite(array, f"{label}: attribute {name!r}")
+        return array
 
 
 def _set_material(record: Any, count: int, label: str) -> None:
@@ -130,12 +137,15 @@ class Instances:
     world_from_object : (i, 4, 4) float64, affine, last row (0, 0, 0, 1); may mirror and shear
     pass_index : (i,) int32, the Object Index pass
     holdout : (i,) bool, True punches a hole into the image's alpha
+    random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
     """
 
     mesh: Any
     world_from_object: Any
     pass_index: Any = None
     holdout: Any = None
+    random: Any = None
+    color: Any = None
 
     def __post_init__(self) -> None:
         count = len(_set_array(self, "mesh", np.int32, ("i",), "Instances"))
@@ -151,58 +161,85 @@ class Instances:
             if getattr(self, name) is None:
                 _set(self, name, np.zeros(count, dtype=dtype))
             _set_array(self, name, dtype, (count,), "Instances")
+        for name, shape in (("random", (count,)), ("color", (count, 4))):
+            if getattr(self, name) is not None:
+                _set_array(self, name, np.float64, shape, "Instances")
 
     def __len__(self) -> int:
         return len(self.mesh)
 
 
+# The colours of a closure, and the range of each of its numbers.
+CLOSURE_COLORS = ("color", "specular_tint", "emission")
+CLOSURE_RANGES = {
+    "weight": (0.0, np.inf),
+    "ior": (float(np.nextafter(0.0, 1.0)), np.inf),
+    **dict.fromkeys(("roughness", "metallic", "transmission", "specular", "alpha"), (0.0, 1.0)),
+}
+CLOSURE_KINDS = ("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission")
+
+
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """One scattering or emitting part of a material, with constant parameters.
+    """One scattering or emitting part of a material; each parameter is a constant or a Register of its program.
 
     kind : one of CLOSURE_KINDS
     weight : factor in the material's sum (Mix and Add Shader fold into it)
     color : linear RGB; base colour of a principled closure, radiance scale of an emission
     roughness : Blender's roughness; GGX alpha is its square; 0 is a perfect mirror
+    normal : world space, any length, on the side that the ray comes from; None = the surface's
     The remaining fields are those of Blender's Principled BSDF node.
     """
 
     kind: str
     color: Any = 0.8
-    weight: float = 1.0
-    roughness: float = 0.5
-    ior: float = 1.5
-    metallic: float = 0.0
-    transmission: float = 0.0
-    specular: float = 0.5
+    weight: Any = 1.0
+    roughness: Any = 0.5
+    ior: Any = 1.5
+    metallic: Any = 0.0
+    transmission: Any = 0.0
+    specular: Any = 0.5
     specular_tint: Any = 1.0
     emission: Any = 0.0
-    alpha: float = 1.0
+    alpha: Any = 1.0
+    normal: Any = None
 
     def __post_init__(self) -> None:
         label = f"Closure {self.kind!r}"
         require_choice(self.kind, CLOSURE_KINDS, "Closure: kind")
-        for name in ("color", "specular_tint", "emission"):
-            _set_color(self, name, label)
-        _set_number(self, "weight", 0.0, np.inf, label)
-        _set_number(self, "ior", np.nextafter(0.0, 1.0), np.inf, label)
-        for name in ("roughness", "metallic", "transmission", "specular", "alpha"):
-            _set_number(self, name, 0.0, 1.0, label)
+        computed = self.registers
+        for name in CLOSURE_COLORS:
+            if name not in computed:
+                _set_color(self, name, label)
+        for name, (low, high) in CLOSURE_RANGES.items():
+            if name not in computed:
+                _set_number(self, name, low, high, label)
+        if self.normal is not None:
+            _set(self, "normal", make_value(self.normal, f"{label}: normal"))
 
-
-CLOSURE_KINDS = ("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission")
+    @property
+    def registers(self) -> dict[str, Register]:
+        """The parameters that the material's program computes, by name."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, Register)}
 
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A named sum of weighted closures; no closures at all is black."""
+    """A named sum of weighted closures; no closures at all is black.
+
+    program : computes the parameters that are Registers; None where all are constant
+    """
 
     closures: Sequence[Closure] = ()
     pass_index: int = 0
     name: str = ""
+    program: Program | None = None
 
     def __post_init__(self) -> None:
         _set(self, "closures", tuple(self.closures))
+        for closure in self.closures:
+            for name, register in closure.registers.items():
+                check_register(register, self.program, f"Material {self.name!r}: {closure.kind}: {name}")
 
 
 DEFAULT_MATERIAL = Material((Closure("diffuse", color=0.8),), name="default")
@@ -416,77 +453,14 @@ class Scene:
         return len(self.meshes) if self.instances is None else len(self.instances)
 
     def save(self, path: str | Path) -> None:
-        """Write the scene as one .npz (see `save`)."""
-        save(self, path)
+        """Write the scene as one .npz (see `scene_file.save`)."""
+        from raytracer import scene_file
+
+        scene_file.save(self, path)
 
     @staticmethod
     def load(path: str | Path) -> Scene:
-        """Read a scene from one .npz (see `load`)."""
-        return load(path)
+        """Read a scene from one .npz (see `scene_file.load`)."""
+        from raytracer import scene_file
 
-
-RECORDS = {
-    record.__name__: record
-    for record in (
-        *(Mesh, Spheres, Instances, Closure, Material, PointLight, SpotLight, SunLight, AreaLight),
-        *(World, Camera, Scene),
-    )
-}
-
-
-def save(scene: Scene, path: str | Path) -> None:
-    """Write `scene` as one .npz: a JSON outline plus the arrays it refers to; nothing is pickled.
-
-    Arrays that records share in memory are written once.
-    """
-    arrays: dict[str, NDArray[Any]] = {}
-    keys: dict[tuple[int, tuple[int, ...], str], str] = {}
-
-    def outline(value: Any) -> Any:
-        if dataclasses.is_dataclass(value):
-            fields = {item.name: outline(getattr(value, item.name)) for item in dataclasses.fields(value)}
-            return {"record": type(value).__name__, "fields": fields}
-        if isinstance(value, np.ndarray):
-            memory = (value.__array_interface__["data"][0], value.shape, value.dtype.str)
-            arrays[keys.setdefault(memory, f"array_{len(keys)}")] = value
-            return {"array": keys[memory]}
-        if isinstance(value, tuple):
-            return [outline(item) for item in value]
-        return value.item() if isinstance(value, np.generic) else value
-
-    text = json.dumps({"format": FILE_FORMAT, "scene": outline(scene)})
-    with open(path, "wb") as file:
-        np.savez_compressed(file, outline=np.array(text), **arrays)
-
-
-def load(path: str | Path) -> Scene:
-    """Read a scene written by `save`; every record is validated again.
-
-    Raises
-    ------
-    ValueError
-        If the file is not such a scene, naming the file.
-    """
-    try:
-        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        content = json.loads(str(arrays.pop("outline")))
-        if content["format"] != FILE_FORMAT:
-            raise ValueError(f"format {content['format']}")
-        scene = _restore(content["scene"], arrays)
-        if not isinstance(scene, Scene):
-            raise ValueError(f"a {type(scene).__name__}")
-    except (KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path}: expected a scene written by raytracer.save ({FILE_FORMAT}), got {error}") from None
-    return scene
-
-
-def _restore(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
-    """Rebuild a record, sequence, array or plain value from its outline."""
-    if isinstance(value, list):
-        return tuple(_restore(item, arrays) for item in value)
-    if isinstance(value, dict) and "array" in value:
-        return arrays[value["array"]]
-    if isinstance(value, dict):
-        return RECORDS[value["record"]](**{name: _restore(item, arrays) for name, item in value["fields"].items()})
-    return value
+        return scene_file.load(path)

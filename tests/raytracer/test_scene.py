@@ -9,7 +9,8 @@ import pytest
 import raytracer
 from raytracer import Camera, Closure, Instances, Material, Mesh, Scene, Spheres, World
 from raytracer.checks import as_array
-from raytracer.scene import FILE_FORMAT, AreaLight, PointLight, SpotLight, SunLight
+from raytracer.scene import AreaLight, PointLight, SpotLight, SunLight
+from raytracer.scene_file import FILE_FORMAT
 from tests import meshes
 
 POSITIONS, TRIANGLES = meshes.make_quad()
