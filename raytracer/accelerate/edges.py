@@ -2,7 +2,8 @@
 
 Three stages, each for what the one before left open: float64 with the pair's own bound, exact zeros of rays through a
 corner, pairs of float64 (all from `predicates` and `refine`). Rays through edges and vertices meet several triangles
-at one distance: such ties are recognised here by the corners they share, without computing the distance.
+at one distance, and so do rays at boxes that stand on a floor: such ties are recognised here by the corners or the
+plane that triangles share, without computing the distance.
 
 Lines are (8, k) planes, origin, direction, slopes; corners (3 corners, 3, k) planes; the main axis comes last.
 Imports `predicates` and `refine`.
@@ -57,7 +58,7 @@ def edge_signs(lines: NDArray, corners: NDArray) -> tuple[NDArray[np.int8], Bool
     return signs, known
 
 
-def meeting_points(lines: NDArray, corners: NDArray) -> NDArray[np.float64]:
+def name_meeting_points(lines: NDArray, corners: NDArray) -> NDArray[np.float64]:
     """Name where k lines meet triangles that they hit on an edge or vertex, (6, k); NaN where they do neither.
 
     The name is the edge's two corners in lexicographic order, or the vertex twice. A line meets the line through two
@@ -71,3 +72,14 @@ def meeting_points(lines: NDArray, corners: NDArray) -> NDArray[np.float64]:
     q = corners[2 - weighted[::-1].argmax(axis=0), :, lane].T
     swap = (p[0] > q[0]) | ((p[0] == q[0]) & ((p[1] > q[1]) | ((p[1] == q[1]) & (p[2] > q[2]))))
     return np.where(exact, np.where(swap, np.concatenate([q, p]), np.concatenate([p, q])), np.nan)
+
+
+def name_axis_planes(corners: NDArray) -> NDArray[np.float64]:
+    """Name the planes x_i = constant that triangles lie in exactly, (2, k): axis and constant; NaN where in none.
+
+    A line that is not in it meets a plane in one point: hits in one plane have exactly the same distance.
+    """
+    flat = (corners[0] == corners[1]) & (corners[0] == corners[2])  # (3, k)
+    axis = flat.argmax(axis=0)
+    constant = np.take_along_axis(corners[0], axis[np.newaxis], axis=0)[0]
+    return np.where(flat.any(axis=0), np.stack([axis, constant]), np.nan)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer import exact, predicates, refine
-from raytracer.accelerate.edges import judge_edges, meeting_points
+from raytracer.accelerate.edges import judge_edges, name_axis_planes, name_meeting_points
 from raytracer.accelerate.geometry import Ids, split_id
 from raytracer.accelerate.primitives import Primitives, gather_corners, gather_spheres
 from raytracer.rays import Booleans, Floats, Hits, Rays
@@ -31,6 +31,8 @@ Indices = NDArray[np.intp]
 # The order of coordinates that brings each axis to the last place; cyclic, so that orientations stay.
 TURNS = ([1, 2, 0], [2, 0, 1], [0, 1, 2])
 NO_ID = np.iinfo(np.int64).max
+# Hits measured at a time: what they need fits the cache.
+MEASURE_BLOCK = 8192
 
 
 class Candidates(NamedTuple):
@@ -46,10 +48,14 @@ class Candidates(NamedTuple):
     low: Floats
     certain: Booleans
 
-    def select(self, index: Indices | Booleans) -> Candidates:
+    def select(self, index: Indices | Booleans | slice) -> Candidates:
         return Candidates(
             self.ray[index], self.primitive_id[index], self.t[index], self.low[index], self.certain[index]
         )
+
+    def sort(self) -> Candidates:
+        """By ray, then by id."""
+        return self.select(np.lexsort((self.primitive_id, self.ray)))
 
 
 class Search:
@@ -108,6 +114,10 @@ class Search:
             if len(index):
                 yield axis, index
 
+    def _gather_lines(self, ray: Indices) -> NDArray:
+        """The (8, k) planes of rays: turned origin, direction and slopes."""
+        return np.ascontiguousarray(self.ray_rows.take(ray, axis=0).T)
+
     def _turned_corners(self, primitive_id: Ids, axis: int) -> NDArray:
         """The (3 corners, 3, k) planes of triangles, the main axis last."""
         return gather_corners(self.primitives, primitive_id).reshape(3, 3, -1)[:, TURNS[axis]]
@@ -134,7 +144,7 @@ class Search:
 
     def _offer_triangles(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
         corners = self._turned_corners(primitive_id, axis)
-        lines = np.ascontiguousarray(self.ray_rows.take(ray, axis=0).T)  # (8, k)
+        lines = self._gather_lines(ray)
         bound = self.edge_error.take(ray)
         edges = predicates.edge_functions(*(predicates.shear(corner - lines[:3], lines[6:]) for corner in corners))
         highest = np.maximum(np.maximum(edges[0], edges[1]), edges[2])
@@ -160,7 +170,7 @@ class Search:
 
     def _offer_spheres(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
         centre, radius = self._turned_spheres(primitive_id, axis)
-        lines = np.ascontiguousarray(np.take(self.ray_rows, ray, axis=0).T)
+        lines = self._gather_lines(ray)
         roots = predicates.intersect_sphere_certified(lines[3:6], centre - lines[:3], radius)
         t_min = self.t_min[ray]
         if not self.certified:
@@ -207,25 +217,24 @@ class Search:
         return ray[certain]
 
     def _remaining(self) -> Candidates:
-        """The pool's candidates that are still possible, sorted by ray, then id."""
+        """The pool's candidates that are still possible."""
         if not self.pool:
             nothing = np.zeros(0)
             return Candidates(nothing.astype(np.intp), nothing.astype(np.int64), nothing, nothing, nothing > 0)
         everything = Candidates(*(np.concatenate(column) for column in zip(*self.pool, strict=True)))
-        possible = everything.select(np.flatnonzero(everything.low <= self.best[everything.ray]))
-        return possible.select(np.lexsort((possible.primitive_id, possible.ray)))
+        return everything.select(np.flatnonzero(everything.low <= self.best.take(everything.ray)))
 
     def found_any(self) -> Booleans:
         """(n,) bool: the answers of an any-hit search."""
         found = self.best_id != NO_ID
         if self.certified:
             left = self._remaining()
-            left = left.select(np.flatnonzero(~found[left.ray]))  # a doubtful candidate does not undo a certain hit
+            left = left.select(np.flatnonzero(~found[left.ray])).sort()  # a certain hit leaves no doubt
             for start, stop in _runs(left.ray):
                 found[left.ray[start]] = self._decide(left, start, stop).chosen >= 0
         return found
 
-    @np.errstate(over="ignore", invalid="ignore")
+    @np.errstate(all="ignore")
     def closest(self) -> Hits:
         """The closest hit of each ray."""
         count = len(self.rays)
@@ -242,26 +251,35 @@ class Search:
         else:
             ray = np.flatnonzero(self.best_id != NO_ID)
             hits.distance[ray], hits.distance_error[ray] = self.best[ray], np.nan
-            self._measure(hits, ray, self.best_id[ray])
+            self._measure(hits, ray, self.best_id[ray], self.best[ray])
         return hits
 
     def _close_certified(self, hits: Hits) -> None:
         """Choose each ray's first candidate, then measure all hits alike: how one was chosen leaves no trace."""
         left = self._remaining()
+        alone = np.bincount(left.ray, minlength=len(self.rays)).take(left.ray) == 1
+        clear = left.certain & alone
+        decided = self._choose(left.select(np.flatnonzero(~clear)).sort())
+        self._measure_all(hits, left.select(np.flatnonzero(clear)))
+        self._measure_all(hits, decided)
+
+    def _choose(self, left: Candidates) -> Candidates:
+        """The first of each ray's candidates, sorted; rays that hit none are left out."""
         runs = _runs(left.ray)
         chosen = runs[:, 0].copy()
-        decisions = {run: self._decide(left, *runs[run]) for run in np.flatnonzero(~self._are_settled(left, runs))}
-        for run, decision in decisions.items():
-            chosen[run] += decision.chosen
-        found = np.flatnonzero(chosen >= runs[:, 0])
-        first = left.select(chosen[found])
-        distance, error = self._refine(first)
-        hits.distance[first.ray], hits.distance_error[first.ray] = distance, error
-        self._measure(hits, first.ray, first.primitive_id)
-        for k in np.flatnonzero(~(first.certain & np.isfinite(error))):
-            ray, decision = first.ray[k], decisions.get(found[k]) or self._decide(first, k, k + 1)
-            hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
-            hits.barycentric[ray] = decision.barycentric
+        for run in np.flatnonzero(~self._are_settled(left, runs)):
+            chosen[run] += self._decide(left, *runs[run]).chosen
+        return left.select(chosen[chosen >= runs[:, 0]])
+
+    def _measure_all(self, hits: Hits, chosen: Candidates) -> None:
+        """Fill in the hits of rays with their one chosen candidate each."""
+        for start in range(0, len(chosen.ray), MEASURE_BLOCK):
+            block = chosen.select(slice(start, start + MEASURE_BLOCK))
+            self._measure(hits, block.ray, block.primitive_id, block.t)
+            for k in np.flatnonzero(~(block.certain & np.isfinite(hits.distance_error[block.ray]))):
+                ray, decision = block.ray[k], self._decide(block, k, k + 1)
+                hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
+                hits.barycentric[ray] = decision.barycentric
 
     def _are_settled(self, left: Candidates, runs: NDArray[np.intp]) -> Booleans:
         """(g,) True for runs of one certain candidate, or of certain ones that all meet the ray in one point."""
@@ -270,21 +288,23 @@ class Search:
         first, size = runs[:, 0], runs[:, 1] - runs[:, 0]
         certain = np.logical_and.reduceat(left.certain, first)
         member = np.flatnonzero(np.repeat(certain & (size > 1), size))
-        point = self._name_meeting_points(left.select(member))
         first_member = np.searchsorted(member, np.repeat(first, size)[member])
         together = np.repeat(size == 1, size)
-        together[member] = (point == point[:, first_member]).all(axis=0)
+        together[member] = False
+        for name in self._name_places(left.select(member)):
+            together[member] |= (name == name[:, first_member]).all(axis=0)
         return certain & np.logical_and.reduceat(together, first)
 
-    def _name_meeting_points(self, candidates: Candidates) -> Floats:
-        """(6, k) `edges.meeting_points` of candidates; NaN for spheres."""
-        point = np.full((6, len(candidates.ray)), np.nan)
+    def _name_places(self, candidates: Candidates) -> tuple[Floats, Floats]:
+        """`edges.name_meeting_points` (6, k) and `edges.name_axis_planes` (2, k) of candidates; NaN for spheres."""
+        points, planes = np.full((6, len(candidates.ray)), np.nan), np.full((2, len(candidates.ray)), np.nan)
         triangle = np.flatnonzero(candidates.primitive_id < self.primitives.geometry.sphere_id)
         ray, primitive_id = candidates.ray[triangle], candidates.primitive_id[triangle]
         for axis, part in self._by_axis(ray):
-            lines = self.ray_rows[ray[part]].T
-            point[:, triangle[part]] = meeting_points(lines, self._turned_corners(primitive_id[part], axis))
-        return point
+            corners = self._turned_corners(primitive_id[part], axis)
+            points[:, triangle[part]] = name_meeting_points(self._gather_lines(ray[part]), corners)
+            planes[:, triangle[part]] = name_axis_planes(corners)
+        return points, planes
 
     def _decide(self, left: Candidates, start: int, stop: int) -> exact.ExactHit:
         """Settle one ray's candidates in integers."""
@@ -302,38 +322,34 @@ class Search:
             np.vstack([centre, radius]).T,
         )
 
-    def _refine(self, single: Candidates) -> tuple[Floats, Floats]:
-        """Distance and certified bound of hits that are decided already."""
-        distance, error = np.empty(len(single.ray)), np.empty(len(single.ray))
-        triangle = single.primitive_id < self.primitives.geometry.sphere_id
-        for axis, part in self._by_axis(single.ray):
-            everyone = np.arange(len(single.ray))[part]
-            chosen = everyone[triangle[part]]
-            if len(chosen):
-                lines = self.ray_rows[single.ray[chosen]].T
-                corners = self._turned_corners(single.primitive_id[chosen], axis)
-                distance[chosen], error[chosen] = refine.triangle_distance(lines[:3], lines[3:6], *corners)
-            chosen = everyone[~triangle[part]]
-            if len(chosen):
-                lines = self.ray_rows[single.ray[chosen]].T
-                sphere = self._turned_spheres(single.primitive_id[chosen], axis)
-                distance[chosen], error[chosen] = refine.sphere_distance(
-                    lines[:3], lines[3:6], *sphere, single.t[chosen]
-                )
-        return distance, error
-
-    def _measure(self, hits: Hits, ray: Indices, primitive_id: Ids) -> None:
-        """Fill in instance, primitive and barycentric weights of the rays' hits."""
+    def _measure(self, hits: Hits, ray: Indices, primitive_id: Ids, t: Floats) -> None:
+        """Fill in the rays' hits: indices, barycentric weights and, where certified, the distance and its bound."""
         hits.instance[ray], hits.primitive[ray] = split_id(self.primitives.geometry, primitive_id)
-        triangle = np.flatnonzero(primitive_id < self.primitives.geometry.sphere_id)
-        ray, primitive_id = ray[triangle], primitive_id[triangle]
         for axis, part in self._by_axis(ray):
-            lines = self.ray_rows[ray[part]].T
-            corners = self._turned_corners(primitive_id[part], axis)
-            edges = predicates.edge_functions(*(predicates.shear(p - lines[:3], lines[6:]) for p in corners))
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                weights = np.stack(edges[1:], axis=1) / (edges[0] + edges[1] + edges[2])[:, None]
-            hits.barycentric[ray[part]] = np.clip(np.nan_to_num(weights), 0.0, 1.0)
+            lines = self._gather_lines(ray[part])
+            if not len(self.primitives.geometry.radii):
+                self._measure_triangles(hits, ray[part], lines, primitive_id[part], t[part], axis)
+                continue
+            sphere = primitive_id[part] >= self.primitives.geometry.sphere_id
+            for kind, measure in ((~sphere, self._measure_triangles), (sphere, self._measure_spheres)):
+                measure(hits, ray[part][kind], lines[:, kind], primitive_id[part][kind], t[part][kind], axis)
+
+    def _measure_triangles(
+        self, hits: Hits, ray: Indices, lines: Floats, primitive_id: Ids, t: Floats, axis: int
+    ) -> None:
+        corners = self._turned_corners(primitive_id, axis)
+        edges = predicates.edge_functions(*(predicates.shear(p - lines[:3], lines[6:]) for p in corners))
+        weights = np.stack(edges[1:], axis=1) / (edges[0] + edges[1] + edges[2])[:, None]
+        hits.barycentric[ray] = np.clip(np.nan_to_num(weights), 0.0, 1.0)
+        if self.certified:
+            hits.distance[ray], hits.distance_error[ray] = refine.triangle_distance(lines[:3], lines[3:6], *corners, t)
+
+    def _measure_spheres(
+        self, hits: Hits, ray: Indices, lines: Floats, primitive_id: Ids, t: Floats, axis: int
+    ) -> None:
+        if self.certified:
+            sphere = self._turned_spheres(primitive_id, axis)
+            hits.distance[ray], hits.distance_error[ray] = refine.sphere_distance(lines[:3], lines[3:6], *sphere, t)
 
 
 def _main_axis(directions: Floats) -> NDArray[np.int8]:

@@ -191,8 +191,29 @@ def test_candidates_at_one_distance_stay_until_the_lowest_index_is_chosen():
     search = Search(caster.primitives, make_rays((0.25, 0.125, 1.0), (0.0, 0.0, -1.0), t_max=1.0), any_hit=False)
     one, yes = np.ones(2), np.ones(2, dtype=bool)
     search._weigh(np.zeros(2, np.intp), np.array([2, 0]), one, one * 0, yes, yes.copy())
-    assert search._remaining().primitive_id.tolist() == [0, 2]
+    assert sorted(search._remaining().primitive_id.tolist()) == [0, 2]
     assert search.closest().instance.tolist() == [0]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_faces_in_one_axis_plane_tie_without_integers(rng, axis):
+    """A box on a floor, their faces in one plane; from above, a third face an ulp higher comes first."""
+    turn = np.roll([0, 1, 2], axis)
+    floor, triangles = meshes.make_quad()
+    layers = [(3.0, 0.1), (1.5, 0.1), (1.5, np.nextafter(0.1, 1.0))]
+    faces = [(floor * size + (0.3, -0.2, height))[:, turn] for size, height in layers]
+    faces = [(positions, triangles) for positions in faces]
+    jitter = rng.normal(size=(200, 2, 3)) * (0.1, 0.1, 0.0)
+    below = (jitter[:, 0] + (0.3, -0.2, -3.0))[:, turn]
+    up = (jitter[:, 1] + (0.0, 0.0, 1.0))[:, turn]
+    caster = build_with("bvh", mesh_scene(*faces[:2]))
+    search = Search(caster.primitives, make_rays(below, up), any_hit=False)
+    caster.offer(search)
+    assert search.closest().instance.tolist() == [0] * 200
+    assert search.exact_count == 0
+    caster = build_with("bvh", mesh_scene(*faces))
+    judge(caster, below, up)
+    judge(caster, below + 6.0 * up, -up)
 
 
 def test_boxes_of_the_tree_are_rounded_outward(rng):

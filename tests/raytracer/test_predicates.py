@@ -75,16 +75,36 @@ def test_plane_distance_is_within_its_bound(rng, size, flatness):
     plane = predicates.intersect_plane_certified(
         direction, corners[0] - origin, corners[1] - corners[0], corners[2] - corners[0]
     )
-    refined, refined_error = refine.triangle_distance(origin, direction, *corners)
+    # Without a guess the determinants decide; a guess that is off by a millionth is corrected once.
+    guesses = np.full_like(plane.t, np.nan), plane.t, plane.t * (1 + 1e-6)
+    refined = [refine.triangle_distance(origin, direction, *corners, guess) for guess in guesses]
     bounded = 0
     for k in range(origin.shape[1]):
         true = exact_plane_distance(origin[:, k], direction[:, k], corners[:, :, k])
-        for t, error in ((plane.t[k], plane.t_error[k]), (refined[k], refined_error[k])):
-            if np.isfinite(error):
+        for t, error in ((plane.t, plane.t_error), *refined):
+            if np.isfinite(error[k]):
                 bounded += 1
-                assert abs(Fraction(float(t)) - true) <= Fraction(float(error))
+                assert abs(Fraction(float(t[k])) - true) <= Fraction(float(error[k]))
     # Numerators of size^3 = 1e-300 are refused, and left to integers.
-    assert bounded > origin.shape[1] or size == 1e-100
+    assert bounded > 2 * origin.shape[1] or size == 1e-100
+
+
+def test_corrected_distance_is_within_its_bound(rng):
+    """Triangles seen from a distance, where the correction of float64 suffices; hits anywhere in them."""
+    origin, direction, corners = make_cases(rng, 1.0, 1.0)
+    corners[1:] = corners[0] + 0.01 * (corners[1:] - corners[0])
+    aim = np.einsum("kn,kin->in", rng.dirichlet(np.ones(3), size=corners.shape[2]).T, corners)
+    direction = aim - origin
+    sides = corners[1:] - corners[0]
+    guess = predicates.intersect_plane_certified(direction, corners[0] - origin, *sides).t
+    t, error = refine._correct_distance(origin, direction, *corners, guess)
+    offs = []
+    for k in range(len(t)):
+        off = abs(Fraction(float(t[k])) - exact_plane_distance(origin[:, k], direction[:, k], corners[:, :, k]))
+        offs.append(float(off / Fraction(float(error[k]))))
+    assert max(offs) <= 1
+    assert max(offs) > 1 / 4
+    assert np.median(error / np.spacing(t)) <= 1
 
 
 @pytest.mark.parametrize(("size", "flatness"), CASES)
@@ -109,7 +129,7 @@ def exact_plane_distance(origin, direction, corners):
 
 def test_refined_distance_is_half_an_ulp_on_well_shaped_triangles(rng):
     origin, direction, corners = make_cases(rng, 1.0, 1.0)
-    t, error = refine.triangle_distance(origin, direction, *corners)
+    t, error = refine.triangle_distance(origin, direction, *corners, np.full(corners.shape[2], np.nan))
     assert np.median(error / np.spacing(np.abs(t))) <= 0.51
 
 
