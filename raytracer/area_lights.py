@@ -29,7 +29,7 @@ def area_of(light: AreaLight) -> float:
     return area * np.pi / 4.0 if light.shape == "ellipse" else area
 
 
-def _area_axes(light: AreaLight) -> tuple[Floats, Floats, Floats]:
+def unit_axes(light: AreaLight) -> tuple[Floats, Floats, Floats]:
     """Return unit axes u, v and the side that shines, -(u x v)."""
     u, v = normalize(light.axis_u), normalize(light.axis_v)
     return u, v, -normalize(np.cross(u, v))
@@ -67,7 +67,7 @@ def _area_radiance(light: AreaLight, cosine: Floats) -> Floats:
 def _visible_part(light: AreaLight, positions: Floats) -> tuple[Floats, Floats, Floats]:
     """Return the part of the lamp's rectangle that can light each point: low (n, 2), high (n, 2) along u and v from the
     centre, and the height (n,) of the point over the lamp's plane, on the side that shines."""
-    u, v, axis = _area_axes(light)
+    u, v, axis = unit_axes(light)
     offset = positions - light.position
     height = dot(offset, axis)
     half_size = np.array([length(light.axis_u), length(light.axis_v)]) / 2.0
@@ -87,7 +87,7 @@ def _is_sampled_by_area(light: AreaLight) -> bool:
 def sample_area(light: AreaLight, positions: Floats, pair: Floats) -> LightSamples:
     if light.spread == 0:
         return _sample_parallel_area(light, positions)
-    u, v, axis = _area_axes(light)
+    u, v, axis = unit_axes(light)
     low, high, height = _visible_part(light, positions)
     lit = (height > 0) & (high > low).all(axis=1)
     if _is_sampled_by_area(light):
@@ -106,7 +106,7 @@ def sample_area(light: AreaLight, positions: Floats, pair: Floats) -> LightSampl
 def _relative(light: AreaLight, positions: Floats) -> Floats:
     """Return positions in the lamp's frame (u, v, shining axis), from its centre."""
     offset = positions - light.position
-    return np.stack([dot(offset, axis) for axis in _area_axes(light)], axis=1)
+    return np.stack([dot(offset, axis) for axis in unit_axes(light)], axis=1)
 
 
 def _is_inside(light: AreaLight, local: Floats) -> Booleans:
@@ -131,7 +131,7 @@ def _area_density(
 
 def _sample_parallel_area(light: AreaLight, positions: Floats) -> LightSamples:
     """A spread of 0: parallel light along the axis, irradiance P / A where the point lies below the lamp."""
-    u, v, axis = _area_axes(light)
+    u, v, axis = unit_axes(light)
     offset = positions - light.position
     local = np.stack([dot(offset, u) / length(light.axis_u), dot(offset, v) / length(light.axis_v)], axis=1)
     inside = (np.abs(local) <= 0.5).all(axis=1) if light.shape == "rectangle" else (local**2).sum(axis=1) <= 0.25
@@ -141,7 +141,7 @@ def _sample_parallel_area(light: AreaLight, positions: Floats) -> LightSamples:
 
 
 def evaluate_area(light: AreaLight, origins: Floats, directions: Floats) -> LightHits:
-    u, v, axis = _area_axes(light)
+    u, v, axis = unit_axes(light)
     low, high, height = _visible_part(light, origins)
     distance = intersect_plane(origins, directions, axis, dot(axis, light.position))
     offset = point_on_line(origins, directions, distance) - light.position

@@ -2,13 +2,14 @@
 
 Every source of a scene becomes one function, a LightStage, that samples a direction from each point; what a scene lacks
 is not among them. A source that reflected rays can also meet is sampled in both ways, weighed by the power heuristic.
-Imports `emitters`, `lights`, `materials`, `scatter`, `surface`, `sampling`.
+Shadow rays that share the point they end at, or their direction, are cast in calls of their own.
+Imports `emitters`, `lights`, `shared_lights`, `materials`, `scatter`, `surface`, `sampling`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -16,44 +17,55 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate import Caster
 from raytracer.closures import Shading
-from raytracer.emitters import Emitters, sample_emitters
+from raytracer.emitters import Emitters, aim_at_triangles, pick_emitters, place_on_triangles, sample_emitters
 from raytracer.frames import to_world
 from raytracer.lecture import dot
 from raytracer.light_shapes import LightSamples
-from raytracer.lights import sample_light
+from raytracer.lights import has_extent, sample_light
 from raytracer.materials import MaterialTable
-from raytracer.rays import Booleans, Floats, Rays, Surface, join_rays
-from raytracer.sampling import PixelSamples, sample_cosine_hemisphere
-from raytracer.scatter import evaluate_scattering, power_heuristic
+from raytracer.rays import Floats, Rays, Surface, join_rays
+from raytracer.sampling import PixelSamples, SharedSamples, sample_cosine_hemisphere
+from raytracer.scatter import reflect_light
 from raytracer.scene import Light
+from raytracer.shared_lights import is_near, is_shareable, sample_shared, share_points
 from raytracer.surface import SurfaceTables, make_surface, spawn_origin
 
 # A stack of more transparent surfaces than this stops the light; it bounds the loops through them.
 MAX_PASSAGES = 128
 
-# Shadow rays of different sources are cast together, for big batches cost less a ray, up to this many.
-SHADOW_BATCH = 1 << 16
+# The key of shadow rays that share nothing.
+ALONE = -1
 
 Indices = NDArray[np.intp]
-LightStage = Callable[[Surface, Shading, PixelSamples, int], LightSamples]
+Keys = NDArray[np.int32]
 Visibility = Callable[[Rays], Floats]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class DirectLight:
-    """Direct light at n points: (n, 3) float64 as it arrives, and as if nothing were in the way."""
+class LitPoints:
+    """n points that wait for light.
 
-    arriving: Floats
-    unshadowed: Floats
+    samples, shared : the points' own sample numbers, and those they share with others (None: nothing)
+    dimension : the first of the numbered dimensions of `samples` to use
+    """
+
+    surface: Surface
+    shading: Shading
+    samples: PixelSamples
+    shared: SharedSamples | None
+    dimension: int
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class ShadowCast:
-    """Shadow rays of one source: (k,) the points they start from, (k, 3) the light if nothing is in the way."""
+class Aim:
+    """Where n points look for a light: a sample each, and the key (n,) of the point or direction that they share with
+    all others of the same key; ALONE where with none."""
 
-    row: Indices
-    value: Floats
-    rays: Rays
+    light: LightSamples
+    key: Keys
+
+
+LightStage = Callable[[LitPoints], Aim]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,21 +78,59 @@ class LightSource:
     cast_shadow: bool = True
 
 
-def lamp_source(light: Light) -> LightSource:
-    """A lamp: one pair of numbers."""
+def lamp_source(light: Light, weigh: bool) -> LightSource:
+    """A lamp: two pairs of numbers at most.
 
-    def sample(surface: Surface, shading: Shading, samples: PixelSamples, dimension: int) -> LightSamples:
-        return sample_light(light, surface.position, samples.uniform_pair(dimension))
+    weigh : False where no reflected ray can meet the lamp
+    """
+    # Without extent all shadow rays of a lamp end at one point, or run in one direction.
+    key_of_own = ALONE if has_extent(light) else 0
+    shareable = is_shareable(light)
 
-    return LightSource(sample, 1, light.cast_shadow)
+    def sample(points: LitPoints) -> Aim:
+        shared = points.shared
+        if shareable and shared is not None:
+            targets = share_points(light, shared, points.dimension).take(shared.key, axis=0)
+            aim = Aim(sample_shared(light, points.surface.position, targets, weigh), shared.key.astype(np.int32))
+            _replace_near(light, points, aim)
+            return aim
+        pair = points.samples.uniform_pair(points.dimension)
+        return Aim(sample_light(light, points.surface.position, pair), _fill_keys(points, key_of_own))
+
+    return LightSource(sample, 2, light.cast_shadow)
+
+
+def _replace_near(light: Light, points: LitPoints, aim: Aim) -> None:
+    """Give points near a lamp a sample of their own."""
+    rows = np.flatnonzero(is_near(light, points.surface.position))
+    if not len(rows):
+        return
+    position = points.surface.position[rows]
+    own = sample_light(light, position, points.samples.select(rows).uniform_pair(points.dimension))
+    for name in ("direction", "distance", "weight", "density"):
+        getattr(aim.light, name)[rows] = getattr(own, name)
+    if aim.light.target is not None and aim.light.reach is not None:
+        aim.light.target[rows] = position + own.direction
+        aim.light.reach[rows] = own.distance
+    aim.key[rows] = ALONE
+
+
+def _fill_keys(points: LitPoints, key: int) -> Keys:
+    return np.full(len(points.surface), key, dtype=np.int32)
 
 
 def emitter_source(emitters: Emitters) -> LightSource:
     """All emissive geometry: a number to choose by, and a pair for the place."""
+    shareable = not emitters.has_spheres
 
-    def sample(surface: Surface, shading: Shading, samples: PixelSamples, dimension: int) -> LightSamples:
-        choice, pair = samples.uniform(dimension), samples.uniform_pair(dimension + 1)
-        return sample_emitters(emitters, surface, choice, pair)
+    def sample(points: LitPoints) -> Aim:
+        dimension, shared = points.dimension, points.shared
+        if shareable and shared is not None:
+            picked = pick_emitters(emitters, shared.uniform(dimension))
+            places = place_on_triangles(emitters, picked, shared.uniform_pair(dimension + 1))
+            return Aim(aim_at_triangles(places.select(shared.key), points.surface), shared.key.astype(np.int32))
+        choice, pair = points.samples.uniform(dimension), points.samples.uniform_pair(dimension + 1)
+        return Aim(sample_emitters(emitters, points.surface, choice, pair), _fill_keys(points, ALONE))
 
     return LightSource(sample, 2)
 
@@ -88,11 +138,13 @@ def emitter_source(emitters: Emitters) -> LightSource:
 def world_source(color: Floats) -> LightSource:
     """The constant world: directions around the shading normal with density cos / pi."""
 
-    def sample(surface: Surface, shading: Shading, samples: PixelSamples, dimension: int) -> LightSamples:
-        direction = to_world(sample_cosine_hemisphere(samples.uniform_pair(dimension)), shading.normal)
-        density = world_density(shading.normal, direction)
+    def sample(points: LitPoints) -> Aim:
+        normal = points.shading.normal
+        direction = to_world(sample_cosine_hemisphere(points.samples.uniform_pair(points.dimension)), normal)
+        density = world_density(normal, direction)
         weight = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)[:, np.newaxis] * color
-        return LightSamples(direction, np.full(len(surface), np.inf), weight, density)
+        light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
+        return Aim(light, _fill_keys(points, ALONE))
 
     return LightSource(sample, 1)
 
@@ -102,60 +154,96 @@ def world_density(normal: Floats, direction: Floats) -> Floats:
     return np.maximum(dot(normal, direction), 0.0) / np.pi
 
 
-def add_direct_light(
-    sources: tuple[LightSource, ...],
-    visibility: Visibility,
-    surface: Surface,
-    shading: Shading,
-    probabilities: Floats,
-    wanted: Booleans,
-    samples: PixelSamples,
-    dimension: int,
-) -> DirectLight:
-    """Return the light that all sources send by way of n points, one sample each.
+# Shadow rays ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ShadowRays:
+    """k shadow rays of one source.
+
+    row : (k,) int64, of the batch, that they light
+    light : (k, 3) float64, what arrives if nothing is in the way
+    key : (k,) int32, as in Aim
+    rays : None where the source throws no shadows
+    """
+
+    row: Indices
+    light: Floats
+    key: Keys
+    rays: Rays | None
+
+
+def aim_at_lights(
+    sources: tuple[LightSource, ...], points: LitPoints, probabilities: Floats, throughput: Floats, row: Indices
+) -> list[ShadowRays]:
+    """Return shadow rays from n points to one sample of every source, with the light they would bring.
 
     Parameters
     ----------
-    probabilities : (n, options) float64, of `scatter.option_probabilities`
-    wanted : (n,) bool, False skips the point
-    dimension : the first of the numbered dimensions of `samples` to use
+    probabilities : (n, 1 + lobes) float64, of `scatter.option_probabilities`
+    throughput : (n, 3) float64, what light from these points counts; 0 leaves a point out
+    row : (n,) int64, the points' rows of the batch
     """
-    arriving, unshadowed = np.zeros((len(surface), 3)), np.zeros((len(surface), 3))
-    waiting: list[ShadowCast] = []
+    dimension, aimed = points.dimension, []
     for source in sources:
-        light = source.sample(surface, shading, samples, dimension)
+        aim = source.sample(replace(points, dimension=dimension))
         dimension += source.dimensions
-        scattering = evaluate_scattering(shading, probabilities, light.direction)
-        share = power_heuristic(light.density, scattering.density)[:, np.newaxis]
-        value = (scattering.diffuse + scattering.specular * share) * light.weight
-        rows = np.flatnonzero(wanted & (light.density > 0) & (value > 0).any(axis=1))
-        unshadowed[rows] += value[rows]
-        if source.cast_shadow:
-            waiting.append(ShadowCast(rows, value[rows], _shadow_rays(surface, light, rows)))
-        else:
-            arriving[rows] += value[rows]
-        if sum(len(cast.row) for cast in waiting) >= SHADOW_BATCH:
-            _cast_shadows(visibility, waiting, arriving)
-    _cast_shadows(visibility, waiting, arriving)
-    return DirectLight(arriving, unshadowed)
+        light = reflect_light(points.shading, probabilities, aim.light) * throughput
+        lit = np.flatnonzero((aim.light.density > 0) & (light > 0).any(axis=1))
+        rays = _aim(points.surface, aim.light, lit) if source.cast_shadow else None
+        aimed.append(ShadowRays(row[lit], light[lit], aim.key[lit], rays))
+    return aimed
 
 
-def _cast_shadows(visibility: Visibility, waiting: list[ShadowCast], arriving: Floats) -> None:
-    """Cast the shadow rays of several sources together, add the light they let through, and empty the list."""
-    rays = join_rays([cast.rays for cast in waiting])
-    seen = visibility(rays) if len(rays) else np.zeros((0, 1))
-    start = 0
-    for cast in waiting:
-        stop = start + len(cast.row)
-        arriving[cast.row] += cast.value * seen[start:stop]
-        start = stop
-    waiting.clear()
-
-
-def _shadow_rays(surface: Surface, light: LightSamples, rows: np.ndarray) -> Rays:
-    direction = light.direction[rows]
+def _aim(surface: Surface, light: LightSamples, rows: Indices) -> Rays:
+    """Return shadow rays from some of the points: to the light's target, if it has one, so that rays which share it end
+    at the same point to the last place."""
+    direction, reach = light.direction.take(rows, axis=0), light.distance.take(rows)
     origins = spawn_origin(surface.select(rows), direction)
-    return Rays(origins, direction, np.zeros(len(rows)), light.distance[rows])
+    if light.target is not None and light.reach is not None:
+        direction, reach = light.target.take(rows, axis=0) - origins, light.reach.take(rows)
+    return Rays(origins, direction, np.zeros(len(rows)), reach)
+
+
+def cast_shadows(visibility: Visibility, aimed: Sequence[ShadowRays]) -> list[Floats]:
+    """Return what share of its light each record's rays let through, (k, 1) or (k, 3); 1 where there are no shadows.
+
+    Rays of one key of one record are cast in a call of their own, all others together.
+    """
+    casting = [record for record in aimed if record.rays is not None and len(record.row)]
+    rays = join_rays([record.rays for record in casting if record.rays is not None])
+    key = np.concatenate([np.zeros(0, np.int32), *_number_keys(casting)])
+    seen = None
+    for rows in _split_by_key(key):
+        part = visibility(rays.select(rows))
+        seen = np.empty((len(rays), part.shape[1])) if seen is None else seen
+        seen[rows] = part
+    shares, start = [], 0
+    for record in aimed:
+        stop = start + (len(record.row) if record.rays is not None else 0)
+        shares.append(np.ones((len(record.row), 1)) if seen is None or record.rays is None else seen[start:stop])
+        start = stop
+    return shares
+
+
+def _number_keys(records: Sequence[ShadowRays]) -> Iterator[Keys]:
+    """Yield each record's keys, no key of one like a key of another."""
+    first = 0
+    for record in records:
+        yield np.where(record.key == ALONE, ALONE, record.key + first).astype(np.int32)
+        first += int(record.key.max()) + 1
+
+
+def _split_by_key(key: Keys) -> Iterator[Indices | slice]:
+    """Yield the rows of each key."""
+    if not len(key):
+        return
+    if (key == key[0]).all():
+        yield slice(None)
+        return
+    order = np.argsort(key, kind="stable")
+    ends = np.flatnonzero(np.diff(key[order])) + 1
+    yield from np.split(order, ends)
 
 
 def opaque_visibility(caster: Caster) -> Visibility:

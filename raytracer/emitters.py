@@ -8,6 +8,7 @@ Imports `lecture`, `frames`, `light_shapes`, `surface`, `accelerate.geometry`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,13 @@ from numpy.typing import NDArray
 from raytracer.accelerate.geometry import world_corners
 from raytracer.frames import normalize
 from raytracer.lecture import cross, dot, length
-from raytracer.light_shapes import LightSamples, distance_to_sphere, sample_sphere_directions, sphere_density
+from raytracer.light_shapes import (
+    LightSamples,
+    distance_to_sphere,
+    divide_rows,
+    sample_sphere_directions,
+    sphere_density,
+)
 from raytracer.rays import Floats, Integers, Surface
 from raytracer.surface import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate
 
@@ -45,6 +52,11 @@ class Emitters:
     def is_empty(self) -> bool:
         """True where nothing shines."""
         return not len(self.instance)
+
+    @property
+    def has_spheres(self) -> bool:
+        """True where some of the primitives are spheres."""
+        return bool((self.instance >= self.tables.instance_count).any())
 
 
 def make_emitters(tables: SurfaceTables, radiance: Floats) -> Emitters:
@@ -101,60 +113,101 @@ def sample_emitters(emitters: Emitters, surface: Surface, choice: Floats, pair: 
     ----------
     choice, pair : (n,), (n, 2) uniform numbers
     """
-    picked = np.searchsorted(emitters.cumulative, choice, side="right").clip(max=len(emitters.cumulative) - 1)
-    instance, primitive = emitters.instance[picked], emitters.primitive[picked]
-    count = len(choice)
-    direction, distance = np.zeros((count, 3)), np.zeros(count)
-    for rows, sample in (
-        (np.flatnonzero(instance < emitters.tables.instance_count), _sample_triangles),
-        (np.flatnonzero(instance >= emitters.tables.instance_count), _sample_spheres),
+    picked = pick_emitters(emitters, choice)
+    spheres = np.flatnonzero(emitters.instance[picked] >= emitters.tables.instance_count)
+    if not len(spheres):
+        return aim_at_triangles(place_on_triangles(emitters, picked, pair), surface)
+    samples = LightSamples(
+        *(np.zeros(shape) for shape in ((len(choice), 3), len(choice), (len(choice), 3), len(choice)))
+    )
+    flat = np.flatnonzero(emitters.instance[picked] < emitters.tables.instance_count)
+    for rows, part in (
+        (flat, aim_at_triangles(place_on_triangles(emitters, picked[flat], pair[flat]), surface.select(flat))),
+        (spheres, _aim_at_spheres(emitters, surface.select(spheres), picked[spheres], pair[spheres])),
     ):
-        if len(rows):
-            at = surface.position[rows]
-            direction[rows], distance[rows], cosine, error = sample(
-                emitters.tables, at, instance[rows], primitive[rows], pair[rows]
-            )
-            # Ends before the emitter, by the errors of both ends (and of the step off the surface) seen along the ray.
-            clearance = 2.0 * (error + surface.position_error[rows]) / np.maximum(cosine, SMALLEST_COSINE)
-            distance[rows] = np.maximum(distance[rows] - clearance, 0.0)
-    density = emitter_density(emitters, surface.position, direction, instance, primitive)
-    radiance = emitters.radiance[_materials(emitters.tables, instance, primitive)]
-    weight = np.divide(radiance, density[:, np.newaxis], out=np.zeros((count, 3)), where=density[:, np.newaxis] > 0)
-    return LightSamples(direction, distance, weight, density)
+        for name in ("direction", "distance", "weight", "density"):
+            getattr(samples, name)[rows] = getattr(part, name)
+    return samples
 
 
-def _sample_triangles(
-    tables: SurfaceTables, positions: Floats, instance: Integers, primitive: Integers, pair: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Points even on triangles, beta = sqrt(u) (1 - v), gamma = sqrt(u) v.
+def pick_emitters(emitters: Emitters, choice: Floats) -> NDArray[np.intp]:
+    """Return (n,) rows of `emitters`, in proportion to their power, for uniform numbers (n,)."""
+    return np.searchsorted(emitters.cumulative, choice, side="right").clip(max=len(emitters.cumulative) - 1)
 
-    Returns direction (n, 3), distance, cosine at the emitter and error of its position, each (n,).
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EmitterPoints:
+    """Points on n emissive triangles.
+
+    position, normal : (n, 3) float64; the normal is a unit vector of either side
+    error : (n,) float64, metres, bound on the error of `position`
+    density : (n,) float64, of picking the point, per area
+    radiance : (n, 3) float64
     """
-    corners = world_corners(tables.geometry, instance, primitive)
+
+    position: Floats
+    normal: Floats
+    error: Floats
+    density: Floats
+    radiance: Floats
+
+    def select(self, rows: Any) -> EmitterPoints:
+        """Return some of the points, also repeatedly: index array."""
+        return EmitterPoints(
+            *(getattr(self, name).take(rows, axis=0) for name in ("position", "normal", "error", "density", "radiance"))
+        )
+
+
+def place_on_triangles(emitters: Emitters, picked: NDArray[np.intp], pair: Floats) -> EmitterPoints:
+    """Return points even on the triangles `picked` (n,), beta = sqrt(u) (1 - v), gamma = sqrt(u) v."""
+    instance, primitive = emitters.instance[picked], emitters.primitive[picked]
+    a, b, c = world_corners(emitters.tables.geometry, instance, primitive)
     root = np.sqrt(pair[:, 0])
-    target = interpolate(np.stack([root * (1.0 - pair[:, 1]), root * pair[:, 1]], axis=1), *corners)
-    offset = target - positions
-    direction = normalize(offset)
-    a, b, c = corners
-    cosine = np.abs(dot(direction, normalize(cross(b - a, c - a))))
+    weights = np.stack([root * (1.0 - pair[:, 1]), root * pair[:, 1]], axis=1)
     magnitude = np.maximum(np.maximum(length(a), length(b)), length(c))
-    error = INTERPOLATION_ERROR * magnitude + CASTER_ERROR * np.maximum(length(b - a), length(c - a))
-    return direction, length(offset), cosine, error
+    material = _materials(emitters.tables, instance, primitive)
+    return EmitterPoints(
+        position=interpolate(weights, a, b, c),
+        normal=normalize(cross(b - a, c - a)),
+        error=INTERPOLATION_ERROR * magnitude + CASTER_ERROR * np.maximum(length(b - a), length(c - a)),
+        density=emitters.power_density[material],
+        radiance=emitters.radiance[material],
+    )
 
 
-def _sample_spheres(
-    tables: SurfaceTables, positions: Floats, instance: Integers, primitive: Integers, pair: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Directions even over the cones in which spheres are seen; returns what `_sample_triangles` does."""
+def aim_at_triangles(points: EmitterPoints, surface: Surface) -> LightSamples:
+    """Return the samples from each point of `surface` towards one of `points`: density t^2 / cos of that per area."""
+    offset = points.position - surface.position
+    distance = length(offset)
+    direction = divide_rows(offset, distance)
+    cosine = np.abs(dot(direction, points.normal))
+    density = divide_rows(points.density * (distance * distance), cosine)
+    reach = _stop_before(distance, cosine, points.error, surface.position_error)
+    weight = divide_rows(points.radiance, density)
+    return LightSamples(direction, reach, weight, density, points.position, divide_rows(reach, distance))
+
+
+def _stop_before(distance: Floats, cosine: Floats, error: Floats, surface_error: Floats) -> Floats:
+    """Shorten shadow rays (n,), metres, to end before the emitter, by the errors of both ends (and of the step off the
+    surface) seen along the ray."""
+    clearance = 2.0 * (error + surface_error) / np.maximum(cosine, SMALLEST_COSINE)
+    return np.maximum(distance - clearance, 0.0)
+
+
+def _aim_at_spheres(emitters: Emitters, surface: Surface, picked: NDArray[np.intp], pair: Floats) -> LightSamples:
+    """Directions even over the cones in which spheres are seen."""
+    tables, instance, primitive = emitters.tables, emitters.instance[picked], emitters.primitive[picked]
     sphere = _spheres(tables, instance, primitive)
     radii = tables.geometry.radii[sphere]
-    offset = tables.geometry.centres[sphere] - positions
+    offset = tables.geometry.centres[sphere] - surface.position
     direction = sample_sphere_directions(offset, radii, pair)
     distance = distance_to_sphere(offset, radii, direction)
     distance = np.where(np.isinf(distance), dot(offset, direction), distance)
     cosine = np.abs(dot(direction, offset - distance[:, np.newaxis] * direction)) / radii
     error = INTERPOLATION_ERROR * length(tables.geometry.centres[sphere]) + CASTER_ERROR * radii
-    return direction, distance, cosine, error
+    density = emitter_density(emitters, surface.position, direction, instance, primitive)
+    weight = divide_rows(emitters.radiance[_materials(tables, instance, primitive)], density)
+    return LightSamples(direction, _stop_before(distance, cosine, error, surface.position_error), weight, density)
 
 
 def emitter_density(

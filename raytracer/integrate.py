@@ -1,9 +1,9 @@
 """What rays see: the lecture's "Ray Tracing Fundamentals", recursive ray tracing written as a loop.
 
-Find the closest hit, add what shines there, add the direct light of every source, go on through mirrors and glass. No
-diffuse reflection is followed. `prepare` composes once, from the scene's content, which stages run; `trace` runs
-them on a batch of rays, wave by wave. Passes mean what they mean in Cycles (intern/cycles/kernel/film/data_passes.h).
-Imports everything below it but the camera.
+Find the closest hit, add what shines there, aim at every source of light, go on through mirrors and glass, cast the
+shadow rays. No diffuse reflection is followed. `prepare` composes once, from the scene's content, which stages run;
+`trace` runs them on a batch of rays, wave by wave. Passes mean what they mean in Cycles
+(intern/cycles/kernel/film/data_passes.h). Imports everything below it but the camera.
 """
 
 from __future__ import annotations
@@ -18,8 +18,11 @@ from raytracer.accelerate import Caster
 from raytracer.closures import Shading
 from raytracer.direct_light import (
     LightSource,
+    LitPoints,
+    ShadowRays,
     Visibility,
-    add_direct_light,
+    aim_at_lights,
+    cast_shadows,
     emitter_source,
     lamp_source,
     opaque_visibility,
@@ -32,9 +35,9 @@ from raytracer.features import derive_features
 from raytracer.lecture import length
 from raytracer.lights import evaluate_light, has_extent
 from raytracer.materials import MaterialTable, make_material_table, make_shading
-from raytracer.paths import Paths, Record, advance, start_paths, start_record
+from raytracer.paths import Paths, Record, advance, join_paths, start_paths, start_record
 from raytracer.rays import Booleans, Floats, Hits, Rays, Surface
-from raytracer.sampling import PixelSamples
+from raytracer.sampling import PixelSamples, SharedSamples, share_samples
 from raytracer.scatter import Continuation, option_probabilities, power_heuristic, sample_continuation
 from raytracer.scene import Light, Scene
 from raytracer.settings import Settings
@@ -46,6 +49,8 @@ LIGHT_PASSES = frozenset(("Combined", "Diffuse Color", "Emission", "Shadow"))
 OPAQUE_ENOUGH = 0.5
 # Numbered dimensions of a wave: which way to go on, and where within it; the sources of light follow.
 CHOICE, WAY, FIRST_SOURCE = range(3)
+# Paths shaded together; casts take whole waves.
+PART_SIZE = 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +95,8 @@ def prepare(scene: Scene, caster: Caster, settings: Settings) -> Integrator:
     materials = make_material_table(scene)
     emitters = make_emitters(tables, materials.radiance) if features.emission and needs_light else None
     background = scene.world.color if features.world and needs_light and scene.world is not None else None
-    sources = [lamp_source(light) for light in scene.lights if light_is_on(light)] if needs_light else []
+    lamps = [light for light in scene.lights if light_is_on(light)] if needs_light else []
+    sources = [lamp_source(light, weigh=features.rough) for light in lamps]
     if emitters is not None and not emitters.is_empty:
         sources.append(emitter_source(emitters))
     if background is not None:
@@ -137,6 +143,7 @@ def trace(integrator: Integrator, rays: Rays, samples: PixelSamples) -> dict[str
     """
     record = start_record(integrator.settings, rays)
     paths = start_paths(rays)
+    shared = share_samples(samples)
     dimension = 0
     while len(paths):
         hits = integrator.caster.closest_hit(
@@ -146,14 +153,66 @@ def trace(integrator: Integrator, rays: Rays, samples: PixelSamples) -> dict[str
         add_lamps(integrator, record, paths, hits)
         met = np.flatnonzero(hits.hit)
         paths, hits = cut_holes(integrator, record, paths.select(met), hits.select(met))
-        surface = make_surface(integrator.tables, paths.rays, hits)
-        shading = make_shading(integrator.materials, surface)
-        describe_surface(integrator, record, paths, hits, surface, shading)
-        add_emission(integrator, record, paths, surface, shading)
-        paths = continue_paths(integrator, record, paths, hits, surface, shading, samples, dimension)
+        parts = [
+            shade(integrator, record, paths.select(part), hits.select(part), samples, shared, dimension)
+            for part in cut_to_parts(len(paths))
+        ]
+        if integrator.needs_light:
+            add_direct_light(integrator, record, [rays for part in parts for rays in part.aimed], first=dimension == 0)
+        paths = join_paths([part.paths for part in parts])
         dimension += integrator.dimensions
+        shared = None  # only what the camera sees straight shares points of lights
     finish_alpha(integrator, record)
+    finish_shadow(record)
     return record.passes
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shaded:
+    """What a part of a wave leaves to do: shadow rays to cast, and paths that go on."""
+
+    aimed: list[ShadowRays]
+    paths: Paths
+
+
+def cut_to_parts(count: int) -> list[slice]:
+    """Return slices of about PART_SIZE that cover `count` paths: what is computed for them stays in the cache."""
+    return [slice(start, start + PART_SIZE) for start in range(0, count, PART_SIZE)]
+
+
+def shade(
+    integrator: Integrator,
+    record: Record,
+    paths: Paths,
+    hits: Hits,
+    samples: PixelSamples,
+    shared: SharedSamples | None,
+    dimension: int,
+) -> Shaded:
+    """See what is where rays hit: describe it, add what shines there, aim at the lights, and go on."""
+    surface = make_surface(integrator.tables, paths.rays, hits)
+    shading = make_shading(integrator.materials, surface)
+    describe_surface(integrator, record, paths, hits, surface, shading)
+    add_emission(integrator, record, paths, surface, shading)
+    if not integrator.needs_light:
+        return Shaded([], pass_straight(integrator, record, paths, hits, surface, shading))
+    chosen = samples.select(paths.row)
+    shared = shared and shared.select(paths.row)
+    ended = paths.scatterings > integrator.settings.max_bounces
+    probabilities = weigh_options(shading, ended)
+    aimed = aim_at_lights(
+        integrator.sources,
+        LitPoints(surface, shading, chosen, shared, dimension + FIRST_SOURCE),
+        probabilities,
+        np.where(ended[:, np.newaxis], 0.0, paths.throughput),
+        paths.row,
+    )
+    if not integrator.goes_on:
+        return Shaded(aimed, paths.select(slice(0, 0)))
+    way = sample_continuation(
+        shading, probabilities, chosen.uniform(dimension + CHOICE), chosen.uniform_pair(dimension + WAY)
+    )
+    return Shaded(aimed, advance(paths, hits, surface, shading, way))
 
 
 def add_background(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
@@ -165,12 +224,7 @@ def add_background(integrator: Integrator, record: Record, paths: Paths, hits: H
     if integrator.background is not None and len(missed):
         sampled = world_density(missed.scatter_normal, missed.rays.directions)
         share = power_heuristic(missed.density, sampled)[:, np.newaxis]
-        add_radiance(record, missed, missed.throughput * share * integrator.background)
-
-
-def add_radiance(record: Record, paths: Paths, radiance: Floats) -> None:
-    """Add light (k, 3), throughput included, to the picture."""
-    record.add("Combined", paths.row, np.pad(radiance, ((0, 0), (0, 1))))
+        record.add("Combined", missed.row, missed.throughput * share * integrator.background)
 
 
 def add_lamps(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
@@ -183,7 +237,7 @@ def add_lamps(integrator: Integrator, record: Record, paths: Paths, hits: Hits) 
         seen = evaluate_light(lamp, paths.scatter_origin, paths.rays.directions)
         passed = (seen.density > 0) & (paths.travelled <= seen.distance) & (seen.distance <= reach)
         share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
-        add_radiance(record, paths, paths.throughput * share * seen.radiance)
+        record.add("Combined", paths.row, paths.throughput * share * seen.radiance)
 
 
 def cut_holes(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> tuple[Paths, Hits]:
@@ -232,56 +286,39 @@ def add_emission(integrator: Integrator, record: Record, paths: Paths, surface: 
     )
     share[sampled] = power_heuristic(paths.density[sampled], other)
     radiance = paths.throughput * shading.radiance * share[:, np.newaxis]
-    add_radiance(record, paths, radiance)
+    record.add("Combined", paths.row, radiance)
     record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
 
 
-def continue_paths(
-    integrator: Integrator,
-    record: Record,
-    paths: Paths,
-    hits: Hits,
-    surface: Surface,
-    shading: Shading,
-    samples: PixelSamples,
-    dimension: int,
-) -> Paths:
-    """Add the direct light at the hits and return the paths that go on from them.
+def weigh_options(shading: Shading, ended: Booleans) -> Floats:
+    """Return the probabilities of the ways to go on.
 
     A path that has used up its bounces still sees what shines where it ends: light sampling has counted on that.
     """
-    if not integrator.needs_light:
-        return pass_straight(integrator, record, paths, hits, surface, shading)
-    ended = paths.scatterings > integrator.settings.max_bounces
     probabilities = option_probabilities(shading)
-    probabilities[ended, 0] = (shading.transparency[ended] > 0).any(axis=1)
-    probabilities[ended, 1:] = 0.0
-    chosen = samples.select(paths.row)
-    light = add_direct_light(
-        integrator.sources,
-        integrator.visibility,
-        surface,
-        shading,
-        probabilities,
-        ~ended,
-        chosen,
-        dimension + FIRST_SOURCE,
-    )
-    add_radiance(record, paths, paths.throughput * light.arriving)
-    add_shadow(record, paths, light.arriving, light.unshadowed)
-    if not integrator.goes_on:
-        return paths.select(slice(0, 0))
-    way = sample_continuation(
-        shading, probabilities, chosen.uniform(dimension + CHOICE), chosen.uniform_pair(dimension + WAY)
-    )
-    return advance(paths, hits, surface, shading, way)
+    if ended.any():
+        probabilities[ended, 0] = (shading.transparency[ended] > 0).any(axis=1)
+        probabilities[ended, 1:] = 0.0
+    return probabilities
 
 
-def add_shadow(record: Record, paths: Paths, arriving: Floats, unshadowed: Floats) -> None:
+def add_direct_light(integrator: Integrator, record: Record, aimed: list[ShadowRays], first: bool) -> None:
+    """Cast shadow rays and add the light that they let through, of the camera's own rays (`first`) also to Shadow."""
+    for rays, share in zip(aimed, cast_shadows(integrator.visibility, aimed), strict=True):
+        arriving = rays.light * share
+        record.add("Combined", rays.row, arriving)
+        if first and record.unshadowed is not None:
+            record.add("Shadow", rays.row, arriving)
+            record.unshadowed[rays.row] += rays.light
+
+
+def finish_shadow(record: Record) -> None:
     """The Shadow pass: the share of the direct light that reaches the first surface; where none could, nothing does."""
-    first = np.flatnonzero(paths.direct & (paths.passages == 0))
-    share = np.divide(arriving, unshadowed, out=np.zeros_like(arriving), where=unshadowed > 0)
-    record.add("Shadow", paths.row[first], share[first])
+    if record.unshadowed is not None:
+        arriving = record.passes["Shadow"]
+        record.passes["Shadow"] = np.divide(
+            arriving, record.unshadowed, out=np.zeros_like(arriving), where=record.unshadowed > 0
+        )
 
 
 def pass_straight(

@@ -31,13 +31,19 @@ class LightSamples:
     direction : (n, 3) float64, unit, from the point to the light
     distance : (n,) float64, metres, how far a shadow ray has to go; inf for a sun
     weight : (n, 3) float64, radiance / density; for a lamp without extent the irradiance on a plane that faces it
-    density : (n,) float64, per solid angle; inf for a lamp without extent, 0 where nothing was sampled
+    density : (n,) float64, per solid angle, by which the sample is weighed against other ways to the light; inf where
+        there is none (a lamp without extent), 0 where nothing was sampled
+    target : (n, 3) float64, the point of the light that shadow rays aim at, the same for all points that share it; None
+        where each has a direction of its own
+    reach : (n,) float64, how far a shadow ray has to go, in units of the way to `target`; None without one
     """
 
     direction: Floats
     distance: Floats
     weight: Floats
     density: Floats
+    target: Floats | None = None
+    reach: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -16,6 +16,8 @@ Imports `lecture`, `frames`, `light_shapes`, `area_lights`, `sampling`, `scene`.
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from raytracer.area_lights import area_of, evaluate_area, sample_area
@@ -112,7 +114,8 @@ def _sample_facing_disk(light: PointLight, positions: Floats, pair: Floats) -> L
     direction, distance = normalize(target - positions), length(target - positions)
     radiance = _point_radiance(light, direction)
     if light.radius == 0:
-        return without_extent(direction, distance, divide_rows(radiance, distance * distance))
+        samples = without_extent(direction, distance, divide_rows(radiance, distance * distance))
+        return dataclasses.replace(samples, target=target, reach=np.ones(len(target)))
     projected_area = np.pi * light.radius**2 * dot(towards, direction)
     density = divide_rows(distance * distance, projected_area)
     return LightSamples(direction, distance, divide_rows(radiance, density), density)

@@ -5,6 +5,7 @@ Imports `lecture`, `film`, `closures`, `rays`, `scatter`, `surface`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +16,7 @@ from raytracer.closures import Shading
 from raytracer.direct_light import MAX_PASSAGES
 from raytracer.film import PASSES
 from raytracer.lecture import length
-from raytracer.rays import Booleans, Floats, Hits, Rays, Surface
+from raytracer.rays import Booleans, Floats, Hits, Rays, Surface, join_rays
 from raytracer.scatter import Continuation
 from raytracer.settings import Settings
 from raytracer.surface import spawn_origin
@@ -65,6 +66,18 @@ class Paths:
         )
 
 
+def join_paths(parts: Sequence[Paths]) -> Paths:
+    """Return the paths of several records as one, in order."""
+    if len(parts) == 1:
+        return parts[0]
+    if not parts:
+        return start_paths(join_rays([]))
+    joined = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in Paths.__slots__ if name != "rays"
+    }
+    return Paths(rays=join_rays([part.rays for part in parts]), **joined)
+
+
 def start_paths(rays: Rays) -> Paths:
     """Return the paths that begin with camera rays."""
     count = len(rays)
@@ -89,17 +102,20 @@ class Record:
     depth_unit : (n,) float64, metres along the ray for a metre of depth
     settled : (n,) bool, True where the surface that Depth, Normal and so on describe is found
     background : (n,) float64, share of the ray that reached a background which is not part of the picture
+    unshadowed : (n, 3) float64, direct light if nothing were in the way, or None where the Shadow pass is not asked for
     """
 
     passes: dict[str, Floats]
     depth_unit: Floats
     settled: Booleans
     background: Floats
+    unshadowed: Floats | None
 
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
-        """Add to a pass, if it is asked for; each ray at most once a call."""
+        """Add (k, 3) to a pass, if it is asked for; each ray at most once a call."""
         if name in self.passes:
-            self.passes[name][row] += values
+            target = self.passes[name][:, :3]
+            target[row] += values
 
     def set(self, name: str, row: NDArray[np.int64], values: Any) -> None:
         """Overwrite a pass, if it is asked for."""
@@ -111,7 +127,8 @@ def start_record(settings: Settings, rays: Rays) -> Record:
     """Return the record of camera rays that have seen nothing."""
     count = len(rays)
     passes = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in settings.passes}
-    return Record(passes, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count))
+    unshadowed = np.zeros((count, 3)) if "Shadow" in passes else None
+    return Record(passes, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count), unshadowed)
 
 
 def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: Continuation) -> Paths:

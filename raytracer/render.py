@@ -24,13 +24,14 @@ from raytracer.rays import Booleans, Floats, Hits
 from raytracer.sampling import PixelSamples
 from raytracer.scene import Camera, Scene
 from raytracer.settings import WORD_LIMIT, Settings, check_integer
+from raytracer.shared_lights import choose_interleaving
 from raytracer.workers import Workers
 
 # Seconds of work between two signs of progress. (`is_cancelled` is asked at every cast, far more often.)
 BLOCK_SECONDS = 1.0
 
 # Camera rays; with fewer at a time NumPy's calls cost more than its arithmetic.
-SMALLEST_BLOCK = 16384
+SMALLEST_BLOCK = 1 << 16
 
 # Dimension of the pixel filter's samples; the integrator counts its own from 0 upwards.
 FILTER_DIMENSION = WORD_LIMIT - 1
@@ -124,6 +125,7 @@ class View:
 
     full_width, full_height : size of the full picture
     x_min, y_min, width, height : the part of it
+    interleaving : side of the squares of pixels that take different points of lights; 0 = every pixel takes its own
     """
 
     camera: Camera
@@ -133,6 +135,7 @@ class View:
     y_min: int
     width: int
     height: int
+    interleaving: int = 0
 
 
 @dataclass(frozen=True)
@@ -173,7 +176,8 @@ def make_view(scene: Scene, width: int, height: int, settings: Settings) -> View
             f"Settings: border: expected x_max <= {width} and y_max <= {height}, the picture's size, "
             f"got {settings.border}"
         )
-    return View(scene.camera, width, height, x_min, y_min, x_max - x_min, y_max - y_min)
+    interleaving = choose_interleaving(width * height, settings.samples, scene)
+    return View(scene.camera, width, height, x_min, y_min, x_max - x_min, y_max - y_min, interleaving)
 
 
 def count_passes(settings: Settings) -> int:
@@ -182,7 +186,10 @@ def count_passes(settings: Settings) -> int:
 
 
 class BlockPlan:
-    """Cuts the passes into blocks of about BLOCK_SECONDS, learning from those that are done."""
+    """Cuts the passes into blocks of about BLOCK_SECONDS, learning from those that are done.
+
+    A block is several passes or an even part of one.
+    """
 
     def __init__(self, pixels: int, passes: int, largest: int) -> None:
         self.pixels = pixels
@@ -193,7 +200,8 @@ class BlockPlan:
     def __iter__(self) -> Iterator[Block]:
         sample = start = 0
         while sample < self.passes:
-            stop = min(start + self._size, self.pixels)
+            rest = self.pixels - start
+            stop = start + -(-rest // -(-rest // self._size))
             together = max(1, self._size // self.pixels) if start == 0 else 1
             block = Block(sample, start, stop, min(together, self.passes - sample))
             yield block
@@ -314,8 +322,11 @@ def locate_pixels(view: View, block: Block, seed: int) -> tuple[PixelSamples, Fl
     column += view.x_min
     pixel = (row * view.full_width + column).astype(np.uint32)
     sample = np.repeat(np.arange(block.sample, block.sample + block.samples, dtype=np.uint32), len(pixel))
+    side, group = view.interleaving, None
+    if side:
+        group = np.tile((row % side * side + column % side).astype(np.uint8), block.samples)
     pixel, column, row = (np.tile(values, block.samples) for values in (pixel, column, row))
-    return PixelSamples(pixel, sample, seed), column + 0.5, row + 0.5
+    return PixelSamples(pixel, sample, seed, group), column + 0.5, row + 0.5
 
 
 def add_result(film: Film, result: BlockResult) -> None:

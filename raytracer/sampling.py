@@ -29,6 +29,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Words = NDArray[np.uint32]
 
+# Dimensions from here on belong to the sets of pixels that share samples.
+SHARED_DIMENSION = 2**31
+
 UNIT_PER_WORD = 2.0**-32  # all 32 bits fit a float64, so the result stays below 1
 
 # One shift and mask per level of the butterflies below: bits whose position lacks that power of two.
@@ -42,6 +45,7 @@ class PixelSamples:
     pixel : (n,) uint32, index of the pixel in the full picture, y * width + x
     sample : number of the sample, int or (n,) uint32, 0 <= sample < 2^32
     seed : int, another seed is another, independent picture of the same noise
+    group : (n,) uint8, the pixel's set, which shares points of lights; None where every pixel takes its own
 
     A dimension numbers a pair of coordinates; `uniform` takes the first of the pair, so give each use its own number.
     """
@@ -49,6 +53,7 @@ class PixelSamples:
     pixel: Words
     sample: int | Words
     seed: int
+    group: NDArray[np.uint8] | None = None
 
     def __len__(self) -> int:
         return len(self.pixel)
@@ -56,7 +61,7 @@ class PixelSamples:
     def select(self, index: Any) -> PixelSamples:
         """Return the samples of some of the pixels: index or boolean array."""
         sample = self.sample[index] if isinstance(self.sample, np.ndarray) else self.sample
-        return PixelSamples(self.pixel[index], sample, self.seed)
+        return PixelSamples(self.pixel[index], sample, self.seed, None if self.group is None else self.group[index])
 
     def uniform(self, dimension: int) -> Floats:
         """Return (n,) float64 in [0, 1)."""
@@ -76,6 +81,42 @@ class PixelSamples:
         key = _hash_pixels(self.pixel, dimension, self.seed)
         index = _reverse_bits(np.broadcast_to(np.asarray(self.sample, np.uint32), self.pixel.shape).copy())
         return key, _reverse_bits(_scramble_reversed(index, key))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SharedSamples:
+    """One sample of each of k sets of pixels, which n pixels share.
+
+    key : (n,) unsigned, the set's sample that each pixel takes, 0 <= key < k
+    of_sets : k PixelSamples, numbered by set
+    """
+
+    key: NDArray[np.unsignedinteger[Any]]
+    of_sets: PixelSamples
+
+    def select(self, index: Any) -> SharedSamples:
+        """Return what some of the pixels share: index or boolean array."""
+        return SharedSamples(self.key[index], self.of_sets)
+
+    def uniform(self, dimension: int) -> Floats:
+        """Return (k,) float64 in [0, 1), independent of every pixel's own."""
+        return self.of_sets.uniform(dimension + SHARED_DIMENSION)
+
+    def uniform_pair(self, dimension: int) -> Floats:
+        """Return (k, 2) float64 in [0, 1) x [0, 1), independent of every pixel's own."""
+        return self.of_sets.uniform_pair(dimension + SHARED_DIMENSION)
+
+
+def share_samples(samples: PixelSamples) -> SharedSamples | None:
+    """Return what the pixels of each set share; None where they share nothing."""
+    if samples.group is None or not len(samples):
+        return None
+    sample = np.broadcast_to(np.asarray(samples.sample, np.uint32), samples.pixel.shape)
+    first, sets = sample.min(), np.uint32(samples.group.max()) + 1
+    key = (sample - first) * sets + samples.group
+    count = int(key.max()) + 1
+    number, group = np.divmod(np.arange(count, dtype=np.uint32), sets)
+    return SharedSamples(key.astype(np.min_scalar_type(count)), PixelSamples(group, number + first, samples.seed))
 
 
 def _first_coordinate(index: Words, key: Words) -> Words:

@@ -3,7 +3,7 @@
 The direct-light integrator follows mirrors, glass and straight passages, but no diffuse reflection. So a point's
 options are its passage (transparency) and its microfacet lobes; one is taken at random, in proportion to the light it
 sends on.
-Imports `lecture`, `closures`, `microfacet`, `rays`.
+Imports `lecture`, `closures`, `light_shapes`, `microfacet`, `rays`.
 
 References
 ----------
@@ -19,21 +19,9 @@ from numpy.typing import NDArray
 
 from raytracer.closures import Shading
 from raytracer.lecture import dot
+from raytracer.light_shapes import LightSamples
 from raytracer.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
 from raytracer.rays import Booleans, Floats
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Scattering:
-    """What n points send back of light from one direction each.
-
-    diffuse, specular : (n, 3) float64, f |cos| of the Lambertian part and of all lobes
-    density : (n,) float64, per solid angle, with which `sample_continuation` takes the direction
-    """
-
-    diffuse: Floats
-    specular: Floats
-    density: Floats
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -67,16 +55,28 @@ def option_probabilities(shading: Shading) -> Floats:
     return np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
 
 
-def evaluate_scattering(shading: Shading, probabilities: Floats, incoming: Floats) -> Scattering:
-    """Return what each point of `shading` sends back of light from `incoming` (n, 3), unit."""
-    cosine = np.maximum(dot(shading.normal, incoming), 0.0)
+def evaluate_lobes(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
+    """Return f |cos| (n, 3) of all lobes at each point for light from `incoming` (n, 3), unit, and the density (n,) per
+    solid angle with which `sample_continuation` takes that direction."""
     specular, density = np.zeros((len(shading), 3)), np.zeros(len(shading))
     for column, lobes in enumerate(shading.lobes, start=1):
         rows = lobes.hit
         value, lobe_density = _evaluate(shading, lobes, incoming[rows])
         specular[rows] += value
         density[rows] += probabilities[rows, column] * lobe_density
-    return Scattering(shading.diffuse * cosine[:, np.newaxis] / np.pi, specular, density)
+    return specular, density
+
+
+def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples) -> Floats:
+    """Return (n, 3) what each point of `shading` sends back of its sample of a light, in the share that reflected rays
+    leave to light sampling."""
+    cosine = np.maximum(dot(shading.normal, light.direction), 0.0) / np.pi
+    value = shading.diffuse * cosine[:, np.newaxis]
+    if shading.lobes:
+        specular, density = evaluate_lobes(shading, probabilities, light.direction)
+        value += specular * power_heuristic(light.density, density)[:, np.newaxis]
+    value *= light.weight
+    return value
 
 
 def _evaluate(shading: Shading, lobes: Microfacets, incoming: Floats) -> tuple[Floats, Floats]:
@@ -110,10 +110,10 @@ def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats,
         weight[rows] = np.where(perfect, sample.weight / probabilities[rows, column, np.newaxis], 0.0)
         spread[rows] = sample.valid & ~sample.perfect
     if spread.any():
-        scattering = evaluate_scattering(shading, probabilities, direction)
-        found = np.flatnonzero(spread & (scattering.density > 0))
-        density[found] = scattering.density[found]
-        weight[found] = scattering.specular[found] / scattering.density[found, np.newaxis]
+        specular, lobe_density = evaluate_lobes(shading, probabilities, direction)
+        found = np.flatnonzero(spread & (lobe_density > 0))
+        density[found] = lobe_density[found]
+        weight[found] = specular[found] / lobe_density[found, np.newaxis]
     return Continuation(direction, weight, density, passes)
 
 

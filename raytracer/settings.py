@@ -36,7 +36,7 @@ class Settings:
     pixel_filter : 'blackman_harris' or 'box'
     filter_width : pixels; the radius of Blackman-Harris (as Blender counts it), the whole side of the box; 0 samples
         the pixel's centre alone. None takes Blender's: 1.5 and 1
-    block_size : most pixels traced at a time; changes no result
+    block_size : most camera rays traced at a time; changes no result
     border : (x_min, y_min, x_max, y_max), pixels, y up, upper bounds exclusive; None renders the full picture
     """
 
@@ -49,7 +49,7 @@ class Settings:
     transparent: bool = False
     pixel_filter: str = "blackman_harris"
     filter_width: float | None = None
-    block_size: int = 65536
+    block_size: int = 1 << 18
     border: Border | None = None
 
     def __post_init__(self) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer import direct_light, integrate
+from raytracer import integrate, scatter
 from raytracer.integrate import prepare, trace
 from raytracer.rays import make_rays
 from raytracer.sampling import PixelSamples
@@ -189,7 +189,7 @@ def test_rough_reflection_of_a_lamp_is_the_same_by_either_way_of_sampling(monkey
     original = integrate.power_heuristic
     for light_share in (None, 1.0, 0.0):
         if light_share is not None:
-            monkeypatch.setattr(direct_light, "power_heuristic", lambda p, q, s=light_share: np.full(np.shape(p), s))
+            monkeypatch.setattr(scatter, "power_heuristic", lambda p, q, s=light_share: np.full(np.shape(p), s))
             monkeypatch.setattr(
                 integrate, "power_heuristic", lambda p, q, s=light_share: np.where(np.isinf(p), 1.0, 1.0 - s)
             )

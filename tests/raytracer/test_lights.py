@@ -250,7 +250,8 @@ def test_sample_emitters_picks_by_power_and_reports_the_density_it_used():
     density = emitter_density(
         emitters, surface.position, samples.direction, emitters.instance[picked], emitters.primitive[picked]
     )
-    np.testing.assert_array_equal(density, samples.density)
+    # One takes t from the sampled point, the other from the plane, where the cosine divides twice; none is below 1e-2.
+    np.testing.assert_allclose(density, samples.density, rtol=16 * np.finfo(np.float64).eps * 1e4)
     np.testing.assert_allclose(np.diff(emitters.cumulative).sum() + emitters.cumulative[0], 1.0)
     single = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(mesh.positions[:3], [[0, 1, 2]])]))
     first = (emitters.instance[picked] == 0) & (emitters.primitive[picked] == 0)
