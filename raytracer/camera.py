@@ -65,6 +65,17 @@ def locate_on_film(camera: Camera, width: int, height: int, x: Floats, y: Floats
     return points
 
 
+def find_on_film(camera: Camera, width: int, height: int, points: Floats) -> tuple[Floats, Floats]:
+    """Return where points (n, 3) of camera space are seen, x and y (n,) in pixels: the inverse of `locate_on_film`."""
+    fitted = measure_fitted_side(camera, width, height)
+    extent = measure_film_extent(camera)
+    depth = -points[:, 2] / FILM_DEPTH if camera.projection == "perspective" else np.ones(len(points))
+    depth = np.where(depth == 0, np.nextafter(0.0, 1.0), depth)
+    x = (points[:, 0] / depth / extent - camera.shift_x) * fitted + width / 2
+    y = (points[:, 1] / depth / extent - camera.shift_y) * camera.pixel_aspect * fitted + height / 2
+    return x, y
+
+
 def measure_fitted_side(camera: Camera, width: int, height: int) -> float:
     """Return the length, in pixel widths, of the side of the picture that the sensor is fitted to."""
     sides = {"horizontal": float(width), "vertical": height / camera.pixel_aspect}

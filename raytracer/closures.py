@@ -14,12 +14,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.frames import normalize
 from raytracer.lecture import dot
 from raytracer.microfacet import (
     CONSTANT,
@@ -38,8 +39,9 @@ from raytracer.microfacet_albedo import (
     read_reflection,
     read_schlick_share,
 )
+from raytracer.programs import Register
 from raytracer.rays import Floats
-from raytracer.scene import Closure
+from raytracer.scene import CLOSURE_COLORS, Closure
 
 # Cycles drops closures of a smaller weight.
 SMALLEST_WEIGHT = 1e-5
@@ -53,7 +55,7 @@ SMALLEST_ETA_STEP = 1e-4
 SMALLEST_PICK = 2.0**-6
 
 # What a Closure says in numbers and colours; its kind decides on the function, its normal stands in `Points`.
-PARAMETERS = tuple(field.name for field in dataclasses.fields(Closure) if field.name not in ("kind", "normal"))
+PARAMETERS = tuple(item.name for item in dataclasses.fields(Closure) if item.name not in ("kind", "normal"))
 Rows = NDArray[np.int64]
 
 
@@ -78,8 +80,29 @@ class Closures:
 
 
 def pack_closures(closures: list[Closure]) -> Closures:
-    """Stack Closure records of any kinds into arrays."""
-    return Closures(*(np.array([getattr(item, name) for item in closures], dtype=np.float64) for name in PARAMETERS))
+    """Stack Closure records of any kinds into arrays; what a program computes is NaN."""
+
+    def read(item: Closure, name: str) -> Any:
+        value = getattr(item, name)
+        if not isinstance(value, Register):
+            return value
+        return np.full(3, np.nan) if name in CLOSURE_COLORS else np.nan
+
+    return Closures(*(np.array([read(item, name) for item in closures], dtype=np.float64) for name in PARAMETERS))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TiltedDiffuse:
+    """Lambertian parts whose normal a texture bends, for some points of a batch.
+
+    hit : (m,) int64, ascending, the point in its batch
+    normal : (m, 3) float64, unit
+    albedo : (m, 3) float64
+    """
+
+    hit: Rows
+    normal: Floats
+    albedo: Floats
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -92,6 +115,7 @@ class Shading:
     transparency : (n, 3) float64, share of light that passes straight through
     diffuse : (n, 3) float64, albedo of the Lambertian part, f = diffuse / pi
     lobes : microfacet lobes, each for some of the points
+    tilted : Lambertian parts with normals of their own
     """
 
     normal: Floats
@@ -101,27 +125,62 @@ class Shading:
     transparency: Floats
     diffuse: Floats
     lobes: tuple[Microfacets, ...]
+    tilted: tuple[TiltedDiffuse, ...] = ()
 
     def __len__(self) -> int:
         return len(self.normal)
 
+    def sum_diffuse(self) -> Floats:
+        """(n, 3) the albedo of all Lambertian parts."""
+        total = self.diffuse.copy() if self.tilted else self.diffuse
+        for part in self.tilted:
+            total[part.hit] += part.albedo
+        return total
+
+    def average_normal(self) -> Floats:
+        """(n, 3) unit, the normals of all parts weighed by their weights, as far as a texture bends any of them."""
+        if not self.tilted:
+            return self.normal
+        total = self.diffuse.mean(axis=1, keepdims=True) * self.normal
+        for part in self.tilted:
+            total[part.hit] += part.albedo.mean(axis=1, keepdims=True) * part.normal
+        for lobes in self.lobes:
+            total[lobes.hit] += lobes.weight.mean(axis=1, keepdims=True) * lobes.normal
+        return np.where((total != 0).any(axis=1, keepdims=True), normalize(total), self.normal)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Points:
-    """Where closures of one kind stand: rows (k,) of the batch, and the side the ray came from."""
+    """Where closures of one kind stand: rows (k,) of the batch, the side the ray came from, and their own normals
+    (k, 3) or None."""
 
     rows: Rows
     front: NDArray[np.bool_]
     shading: Shading
+    own_normal: Floats | None = None
+    tilted: list[TiltedDiffuse] = field(default_factory=list)
 
     def select(self, part: NDArray[np.bool_]) -> Points:
-        return Points(self.rows[part], self.front[part], self.shading)
+        own = None if self.own_normal is None else self.own_normal[part]
+        return Points(self.rows[part], self.front[part], self.shading, own, self.tilted)
+
+    @property
+    def normal(self) -> Floats:
+        """(k, 3) the closures' normals."""
+        return self.shading.normal[self.rows] if self.own_normal is None else self.own_normal
+
+    def add_diffuse(self, albedo: Floats) -> None:
+        """Add Lambertian parts of albedo (k, 3)."""
+        if self.own_normal is None:
+            self.shading.diffuse[self.rows] += albedo
+        else:
+            self.tilted.append(TiltedDiffuse(self.rows, self.own_normal, albedo))
 
     def specular_normal(self) -> tuple[Floats, Floats]:
         """Return the normals (k, 3) of microfacet lobes and the cosine (k,) of the view against them."""
         shading, rows = self.shading, self.rows
         outgoing = shading.outgoing[rows]
-        normal = tilt_to_reflect(shading.normal[rows], shading.geometric_normal[rows], outgoing)
+        normal = tilt_to_reflect(self.normal, shading.geometric_normal[rows], outgoing)
         return normal, dot(normal, outgoing)
 
     def relative_ior(self, ior: Floats) -> Floats:
@@ -130,7 +189,7 @@ class Points:
 
 
 def _add_diffuse(closures: Closures, points: Points) -> list[Microfacets]:
-    points.shading.diffuse[points.rows] += closures.weight[:, np.newaxis] * closures.color
+    points.add_diffuse(closures.weight[:, np.newaxis] * closures.color)
     return []
 
 
@@ -177,7 +236,7 @@ def _add_principled(closures: Closures, points: Points) -> list[Microfacets]:
     lobes.append(_principled_glass(closures, points, weight))
     weight = weight * (1.0 - closures.transmission)[:, np.newaxis]
     specular, under = _principled_specular(closures, points, weight)
-    points.shading.diffuse[points.rows] += under * closures.color
+    points.add_diffuse(under * closures.color)
     return [*lobes, specular]
 
 

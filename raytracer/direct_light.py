@@ -22,7 +22,7 @@ from raytracer.frames import to_world
 from raytracer.lecture import dot
 from raytracer.light_shapes import LightSamples
 from raytracer.lights import has_extent, sample_light
-from raytracer.materials import MaterialTable
+from raytracer.materials import MaterialTable, find_transparency
 from raytracer.rays import Floats, Rays, Surface, join_rays
 from raytracer.sampling import PixelSamples, SharedSamples, sample_cosine_hemisphere
 from raytracer.scatter import reflect_light
@@ -271,7 +271,7 @@ def _see_through(caster: Caster, tables: SurfaceTables, materials: MaterialTable
         if not len(rows):
             return left
         surface = make_surface(tables, rays, hits)
-        left[rows] *= materials.transparency[surface.material]
+        left[rows] *= find_transparency(materials, surface)
         open_ = np.flatnonzero((left[rows] > 0).any(axis=1))
         rays, surface, rows = rays.select(open_), surface.select(open_), rows[open_]
         reach = rays.t_max - hits.distance[open_]

@@ -1,13 +1,16 @@
 """What this scene needs, derived from its content; never a user option.
 
 Every stage that a scene may lack is asked for here once, when a render is composed: a feature that is absent is not
-extracted, not allocated and not called. Imports `scene` only.
+extracted, not allocated and not called. Imports `scene` and `nodes`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
+from raytracer.nodes import reads_light_path
 from raytracer.scene import AreaLight, Closure, PointLight, Scene, SpotLight, SunLight
 
 
@@ -22,6 +25,8 @@ class Features:
     rough : a reflecting or transmitting material has roughness above 0
     transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
     holdout : an object punches a hole into the alpha channel
+    programs : a parameter of a material is computed at each point
+    light_path : a program asks how the ray came
     """
 
     meshes: bool
@@ -38,16 +43,37 @@ class Features:
     rough: bool
     transparency: bool
     holdout: bool
+    programs: bool
+    light_path: bool
+
+
+def _may(closure: Closure, name: str, predicate: Callable[[Any], Any]) -> bool:
+    """True where a constant parameter fulfils `predicate`; what a program computes may."""
+    return name in closure.registers or bool(predicate(getattr(closure, name)))
+
+
+def _has_weight(closure: Closure) -> bool:
+    return _may(closure, "weight", lambda weight: weight > 0)
 
 
 def _emits(closure: Closure) -> bool:
-    color = closure.color if closure.kind == "emission" else closure.emission
-    return bool(closure.weight > 0 and color.max() > 0 and closure.kind in ("emission", "principled"))
+    name = "color" if closure.kind == "emission" else "emission"
+    kind = closure.kind in ("emission", "principled")
+    return kind and _has_weight(closure) and _may(closure, name, lambda color: color.max() > 0)
 
 
 def _scatters_on(closure: Closure) -> bool:
     """True where a ray goes on after this closure: every kind with a specular part."""
-    return closure.weight > 0 and closure.kind in ("glossy", "glass", "refraction", "principled")
+    return closure.kind in ("glossy", "glass", "refraction", "principled") and _has_weight(closure)
+
+
+def _is_rough(closure: Closure) -> bool:
+    return _scatters_on(closure) and _may(closure, "roughness", lambda roughness: roughness > 0)
+
+
+def _lets_through(closure: Closure) -> bool:
+    see_through = closure.kind == "principled" and _may(closure, "alpha", lambda alpha: alpha < 1)
+    return _has_weight(closure) and (closure.kind == "transparent" or see_through)
 
 
 def derive_features(scene: Scene) -> Features:
@@ -70,11 +96,9 @@ def derive_features(scene: Scene) -> Features:
         emission=any(_emits(closure) for closure in closures),
         world=scene.world is not None and bool(scene.world.color.max() > 0),
         mirrors=any(_scatters_on(closure) for closure in closures),
-        rough=any(_scatters_on(closure) and closure.roughness > 0 for closure in closures),
-        transparency=any(
-            closure.weight > 0
-            and (closure.kind == "transparent" or (closure.kind == "principled" and closure.alpha < 1))
-            for closure in closures
-        ),
+        rough=any(_is_rough(closure) for closure in closures),
+        transparency=any(_lets_through(closure) for closure in closures),
         holdout=any(holdouts),
+        programs=any(closure.registers or closure.normal is not None for closure in closures),
+        light_path=any(reads_light_path(material.program) for material in scene.materials),
     )

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate import Caster
 from raytracer.closures import Shading
+from raytracer.computed import list_scene_attributes
 from raytracer.direct_light import (
     LightSource,
     LitPoints,
@@ -41,6 +42,7 @@ from raytracer.sampling import PixelSamples, SharedSamples, share_samples
 from raytracer.scatter import Continuation, option_probabilities, power_heuristic, sample_continuation
 from raytracer.scene import Light, Scene
 from raytracer.settings import Settings
+from raytracer.sites import LightPath, make_site_tables
 from raytracer.surface import SurfaceTables, make_surface, make_surface_tables
 
 # Passes that need light; the others are known at the first surface.
@@ -51,6 +53,8 @@ OPAQUE_ENOUGH = 0.5
 CHOICE, WAY, FIRST_SOURCE = range(3)
 # Paths shaded together; casts take whole waves.
 PART_SIZE = 1 << 15
+# What programs of materials that ask for the picture's size get where there is none.
+DEFAULT_FRAME = (1000, 1000)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +89,19 @@ class Integrator:
     dimensions: int
 
 
-def prepare(scene: Scene, caster: Caster, settings: Settings) -> Integrator:
-    """Compose the stages that `scene` needs for the passes in `settings`."""
+def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, int] = DEFAULT_FRAME) -> Integrator:
+    """Compose the stages that `scene` needs for the passes in `settings`; frame : size of the full picture, pixels."""
     features = derive_features(scene)
     needs_light = not LIGHT_PASSES.isdisjoint(settings.passes)
     tables = make_surface_tables(
-        scene, caster.geometry, features.smooth_normals, features.uvs and "UV" in settings.passes
+        scene,
+        caster.geometry,
+        features.smooth_normals,
+        uvs=features.uvs and "UV" in settings.passes,
+        barycentric=features.programs,
     )
-    materials = make_material_table(scene)
+    sites = make_site_tables(scene, tables, list_scene_attributes(scene), frame) if features.programs else None
+    materials = make_material_table(scene, sites)
     emitters = make_emitters(tables, materials.radiance) if features.emission and needs_light else None
     background = scene.world.color if features.world and needs_light and scene.world is not None else None
     lamps = [light for light in scene.lights if light_is_on(light)] if needs_light else []
@@ -175,6 +184,23 @@ class Shaded:
     paths: Paths
 
 
+def describe_path(integrator: Integrator, paths: Paths, hits: Hits) -> LightPath | None:
+    """Return what programs of materials can ask of the rays; None where there are no programs."""
+    if integrator.materials.computed is None:
+        return None
+    unit = length(paths.rays.directions)
+    stretch = hits.distance * unit
+    return LightPath(
+        {
+            "camera": paths.direct.astype(np.float64),
+            "length": stretch - paths.rays.t_min * unit,
+            "travelled": paths.travelled + stretch,
+            "depth": (paths.scatterings + paths.passages).astype(np.float64),
+            "transparent_depth": paths.passages.astype(np.float64),
+        }
+    )
+
+
 def cut_to_parts(count: int) -> list[slice]:
     """Return slices of about PART_SIZE that cover `count` paths: what is computed for them stays in the cache."""
     return [slice(start, start + PART_SIZE) for start in range(0, count, PART_SIZE)]
@@ -191,7 +217,7 @@ def shade(
 ) -> Shaded:
     """See what is where rays hit: describe it, add what shines there, aim at the lights, and go on."""
     surface = make_surface(integrator.tables, paths.rays, hits)
-    shading = make_shading(integrator.materials, surface)
+    shading = make_shading(integrator.materials, surface, describe_path(integrator, paths, hits))
     describe_surface(integrator, record, paths, hits, surface, shading)
     add_emission(integrator, record, paths, surface, shading)
     if not integrator.needs_light:
@@ -255,7 +281,7 @@ def describe_surface(
 ) -> None:
     """Fill the passes that describe the first opaque surface straight ahead of the camera."""
     direct = np.flatnonzero(paths.direct)
-    record.add("Diffuse Color", paths.row[direct], (paths.throughput * shading.diffuse)[direct])
+    record.add("Diffuse Color", paths.row[direct], (paths.throughput * shading.sum_diffuse())[direct])
     rows = direct[~record.settled[paths.row[direct]]]
     row = paths.row[rows]
     stretch = hits.distance[rows] * length(paths.rays.directions[rows])
@@ -265,7 +291,7 @@ def describe_surface(
     record.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
     opaque = shading.transparency[rows].mean(axis=1) <= 1.0 - OPAQUE_ENOUGH
     rows, row = rows[opaque], row[opaque]
-    record.set("Normal", row, shading.normal[rows])
+    record.set("Normal", row, shading.average_normal()[rows])
     uv = np.zeros((len(surface), 2)) if surface.uv is None else surface.uv
     record.set("UV", row, np.pad(uv[rows], ((0, 0), (0, 1)), constant_values=1.0))
     record.settled[row] = True

@@ -2,8 +2,8 @@
 
 A material is a sum of closures (`scene.Closure`). At each hit every closure becomes what it is made of: radiance that
 shines, light that passes straight through, a diffuse share, and microfacet lobes (`closures`). All work on arrays of
-hits, grouped by kind of closure; parameters are arrays with one row per hit, so that they may vary over a surface.
-Imports `closures`, `rays`, `scene`.
+hits, grouped by kind of closure; parameters are arrays with one row per hit, and programs fill those that vary over a
+surface (`computed`). Imports `closures`, `computed`, `frames`, `rays`, `scene`, `sites`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.closures import SCATTERING, Closures, Points, Shading, pack_closures
+from raytracer.closures import SCATTERING, Closures, Points, Shading, TiltedDiffuse, pack_closures
+from raytracer.computed import Columns, ComputedMaterials, Recipes, compute_columns, make_computed_materials
+from raytracer.frames import normalize
 from raytracer.microfacet import Microfacets
 from raytracer.rays import Floats, Integers, Surface
 from raytracer.scene import CLOSURE_KINDS, Closure, Scene
+from raytracer.sites import LightPath, SiteTables
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +31,10 @@ class MaterialTable:
 
     kinds : tuple of (materials,) int64 per slot, index into CLOSURE_KINDS, -1 = the material has no such closure
     parameters : tuple of Closures per slot, one row per material
-    radiance : (materials, 3) float64, that the material's surface shines with
-    transparency : (materials, 3) float64, share of light that passes straight through
+    radiance : (materials, 3) float64, that the material's surface shines with; NaN where a program computes it
+    transparency : (materials, 3) float64, share of light that passes straight through; NaN likewise
     pass_index : (materials,) int32
+    computed : None where all materials are constant
     """
 
     kinds: tuple[NDArray[np.int64], ...]
@@ -38,11 +42,20 @@ class MaterialTable:
     radiance: Floats
     transparency: Floats
     pass_index: Integers
+    computed: ComputedMaterials | None = None
 
 
-def make_material_table(scene: Scene) -> MaterialTable:
-    """Pack the closures of a scene's materials; closures without weight are left out."""
-    kept = [[item for item in material.closures if item.weight > 0] for material in scene.materials]
+def has_weight(closure: Closure) -> bool:
+    """False for a closure that a constant weight of 0 switches off."""
+    return "weight" in closure.registers or closure.weight > 0
+
+
+def make_material_table(scene: Scene, sites: SiteTables | None = None) -> MaterialTable:
+    """Pack the closures of a scene's materials; closures without weight are left out.
+
+    sites : what programs read; None where no parameter is computed
+    """
+    kept = [[item for item in material.closures if has_weight(item)] for material in scene.materials]
     slots = range(max(map(len, kept)))
     columns = [[items[slot] if slot < len(items) else None for items in kept] for slot in slots]
     return MaterialTable(
@@ -53,43 +66,113 @@ def make_material_table(scene: Scene) -> MaterialTable:
         radiance=_sum_colors(kept, _radiance_of),
         transparency=_sum_colors(kept, _transparency_of),
         pass_index=np.array([material.pass_index for material in scene.materials], dtype=np.int32),
+        computed=None if sites is None else make_computed_materials(kept, scene, sites),
     )
 
 
-def _sum_colors(kept: list[list[Closure]], part: Callable[[Closure], Any]) -> Floats:
-    return np.array([sum((item.weight * part(item) for item in items), start=np.zeros(3)) for items in kept])
+def _sum_colors(kept: list[list[Closure]], part: Callable[[str, Closures], Floats]) -> Floats:
+    """Return (materials, 3) the sums of one part of the closures' light."""
+    sums = [[part(item.kind, pack_closures([item])).sum(axis=0) for item in items] for items in kept]
+    return np.array([sum(values, start=np.zeros(3)) for values in sums])
 
 
-def _radiance_of(closure: Closure) -> Any:
-    if closure.kind == "principled":
-        return closure.alpha * closure.emission
-    return closure.color if closure.kind == "emission" else np.zeros(3)
+def _radiance_of(kind: str, closures: Closures) -> Floats:
+    """(k, 3) what closures of one kind shine with."""
+    weight = closures.weight[:, np.newaxis]
+    if kind == "principled":
+        return weight * closures.alpha[:, np.newaxis] * closures.emission
+    return weight * closures.color if kind == "emission" else np.zeros_like(closures.color)
 
 
-def _transparency_of(closure: Closure) -> Any:
-    if closure.kind == "principled":
-        return np.full(3, 1.0 - closure.alpha)
-    return closure.color if closure.kind == "transparent" else np.zeros(3)
+def _transparency_of(kind: str, closures: Closures) -> Floats:
+    """(k, 3) the share of light that closures of one kind let straight through."""
+    weight = closures.weight[:, np.newaxis]
+    if kind == "principled":
+        return np.repeat(weight * (1.0 - closures.alpha[:, np.newaxis]), 3, axis=1)
+    return weight * closures.color if kind == "transparent" else np.zeros_like(closures.color)
 
 
-def make_shading(table: MaterialTable, surface: Surface) -> Shading:
-    """Return the Shading at n points of a surface."""
+def _select_parameters(table: MaterialTable, slot: int, material: Integers, rows: Any, columns: Columns) -> Closures:
+    """Return the parameters of a slot at `rows` of a batch: its materials', with what programs have computed."""
+    closures = table.parameters[slot].select(material[rows])
+    changed = {}
+    for (other, name), column in columns.items():
+        if other == slot and name != "normal":
+            constant, values = getattr(closures, name), column[rows]
+            changed[name] = np.where(np.isnan(constant), values, constant)
+    return dataclasses.replace(closures, **changed) if changed else closures
+
+
+def _sum_parts(
+    table: MaterialTable,
+    recipes: Recipes,
+    surface: Surface,
+    path: LightPath | None,
+    constant: Floats,
+    part: Callable[[str, Closures], Floats],
+    known: Columns | None = None,
+) -> Floats:
+    """Return one part of the light (n, 3) of n points: `constant` by material, or summed where programs compute it."""
+    total = constant[surface.material]
+    if table.computed is None:
+        return total
+    rows = np.flatnonzero(np.isnan(total).any(axis=1))
+    if not len(rows):
+        return total
+    columns = compute_columns(table.computed, recipes, surface, path) if known is None else known
+    total[rows] = 0.0
+    for slot, kinds in enumerate(table.kinds):
+        kind_of_hit = kinds[surface.material[rows]]
+        for kind in np.unique(kind_of_hit[kind_of_hit >= 0]):
+            some = rows[kind_of_hit == kind]
+            total[some] += part(CLOSURE_KINDS[kind], _select_parameters(table, slot, surface.material, some, columns))
+    return total
+
+
+def find_radiance(table: MaterialTable, surface: Surface, path: LightPath | None = None) -> Floats:
+    """Return what n points of a surface shine with, (n, 3)."""
+    recipes = table.computed.radiance if table.computed else {}
+    return _sum_parts(table, recipes, surface, path, table.radiance, _radiance_of)
+
+
+def find_transparency(table: MaterialTable, surface: Surface, path: LightPath | None = None) -> Floats:
+    """Return the share of light that passes straight through n points of a surface, (n, 3)."""
+    recipes = table.computed.transparency if table.computed else {}
+    return _sum_parts(table, recipes, surface, path, table.transparency, _transparency_of)
+
+
+def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None = None) -> Shading:
+    """Return the Shading at n points of a surface; path : how the rays came, for programs that ask."""
+    columns: Columns = {}
+    if table.computed is not None:
+        columns = compute_columns(table.computed, table.computed.everything, surface, path)
     sign = np.where(surface.front, 1.0, -1.0)[:, np.newaxis]
     lobes: list[Microfacets] = []
+    tilted: list[TiltedDiffuse] = []
     shading = Shading(
         normal=sign * surface.shading_normal,
         geometric_normal=sign * surface.geometric_normal,
         outgoing=surface.outgoing,
-        radiance=table.radiance[surface.material],
-        transparency=table.transparency[surface.material],
+        radiance=_sum_parts(table, {}, surface, path, table.radiance, _radiance_of, columns),
+        transparency=_sum_parts(table, {}, surface, path, table.transparency, _transparency_of, columns),
         diffuse=np.zeros((len(surface), 3)),
         lobes=(),
     )
-    for kinds, parameters in zip(table.kinds, table.parameters, strict=True):
+    for slot, kinds in enumerate(table.kinds):
         kind_of_hit = kinds[surface.material]
         for kind, add_closures in SCATTERING.items():
             rows = np.flatnonzero(kind_of_hit == CLOSURE_KINDS.index(kind))
             if len(rows):
-                points = Points(rows, surface.front[rows], shading)
-                lobes.extend(add_closures(parameters.select(surface.material[rows]), points))
-    return dataclasses.replace(shading, lobes=tuple(lobe for lobe in lobes if len(lobe)))
+                own = _own_normals(columns.get((slot, "normal")), rows, shading)
+                points = Points(rows, surface.front[rows], shading, own, tilted)
+                lobes.extend(add_closures(_select_parameters(table, slot, surface.material, rows, columns), points))
+    return dataclasses.replace(shading, lobes=tuple(lobe for lobe in lobes if len(lobe)), tilted=tuple(tilted))
+
+
+def _own_normals(column: Floats | None, rows: Any, shading: Shading) -> Floats | None:
+    """Return the normals (k, 3) of closures at `rows`: unit, the surface's where they have none; None where all are."""
+    if column is None:
+        return None
+    own = column[rows]
+    usable = (own != 0).any(axis=1) & ~np.isnan(own).any(axis=1)
+    return np.where(usable[:, np.newaxis], normalize(np.nan_to_num(own)), shading.normal[rows])

@@ -250,6 +250,7 @@ class BlockTracer:
     ) -> None:
         self._view = view
         self._settings = settings
+        self._frame = (view.full_width, view.full_height)
         self._caster = WatchedCaster(caster, is_cancelled)
         self._integrator = self._prepare(scene, from_centre=False)
         self._centre_integrator = self._prepare(scene, from_centre=True)
@@ -258,7 +259,7 @@ class BlockTracer:
         """Return an integrator for the passes of one kind, or None where there are none of it."""
         names = select_passes(self._settings.passes, from_centre)
         settings = replace(self._settings, passes=names) if names else None
-        return prepare(scene, cast(Caster, self._caster), settings) if settings else None
+        return prepare(scene, cast(Caster, self._caster), settings, self._frame) if settings else None
 
     def __call__(self, block: Block) -> BlockResult:
         """Trace one block; raises CancelledError if the user did so meanwhile."""

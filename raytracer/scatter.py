@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.closures import Shading
+from raytracer.closures import Shading, TiltedDiffuse
 from raytracer.lecture import dot
 from raytracer.light_shapes import LightSamples
 from raytracer.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
@@ -72,11 +72,31 @@ def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples) 
     leave to light sampling."""
     cosine = np.maximum(dot(shading.normal, light.direction), 0.0) / np.pi
     value = shading.diffuse * cosine[:, np.newaxis]
+    for part in shading.tilted:
+        value[part.hit] += evaluate_tilted(part, shading.normal[part.hit], light.direction[part.hit])
     if shading.lobes:
         specular, density = evaluate_lobes(shading, probabilities, light.direction)
         value += specular * power_heuristic(light.density, density)[:, np.newaxis]
     value *= light.weight
     return value
+
+
+def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats) -> Floats:
+    """Return f |cos| (m, 3) of Lambertian parts with normals of their own, for light from `incoming` (m, 3).
+
+    Where the surface with its own `normal` (m, 3) turns from the light earlier than the bent one, light fades out: with
+    g = (n . i) / ((b . i) (b . n)), the factor g + g^2 - g^3 up to 1, as in Cycles (bump_shadowing_term).
+
+    References
+    ----------
+    M. J.-Y. Chiang, Y. K. Li, B. Burley, "Taming the Shadow Terminator", SIGGRAPH Talks 2019.
+    """
+    cosine = np.maximum(dot(part.normal, incoming), 0.0)
+    scale = cosine * dot(normal, part.normal)
+    ratio = np.divide(dot(normal, incoming), scale, out=np.zeros_like(cosine), where=scale != 0)
+    ratio = np.clip(ratio, 0.0, 1.0)
+    fading = np.where((normal == part.normal).all(axis=1), 1.0, ratio + ratio**2 - ratio**3)
+    return part.albedo * (fading * cosine / np.pi)[:, np.newaxis]
 
 
 def _evaluate(shading: Shading, lobes: Microfacets, incoming: Floats) -> tuple[Floats, Floats]:

@@ -63,6 +63,7 @@ class SurfaceTables:
     normal_from_object : (instances, 3, 3) float64, the inverse transpose of the instance's matrix, or a multiple of it
     mirrored : (instances,) bool, True where the matrix turns the winding around
     normals, uvs : CornerTable, or None where no mesh has any, or nothing reads them
+    with_barycentric : True where programs of materials read more
     """
 
     geometry: Geometry
@@ -74,10 +75,13 @@ class SurfaceTables:
     mirrored: NDArray[np.bool_]
     normals: CornerTable | None
     uvs: CornerTable | None
+    with_barycentric: bool = False
 
 
-def make_surface_tables(scene: Scene, geometry: Geometry, smooth_normals: bool, uvs: bool) -> SurfaceTables:
-    """Pack what `make_surface` gathers from; normals and uvs only where asked for."""
+def make_surface_tables(
+    scene: Scene, geometry: Geometry, smooth_normals: bool, uvs: bool, barycentric: bool = False
+) -> SurfaceTables:
+    """Pack what `make_surface` gathers from; normals, uvs and barycentric weights only where asked for."""
     instance_meshes = [scene.meshes[mesh] for mesh in geometry.instance_mesh]
     mesh_material = [np.atleast_1d(np.asarray(mesh.material, dtype=np.int32)) for mesh in scene.meshes]
     group_material = [np.atleast_1d(np.asarray(group.material, dtype=np.int32)) for group in scene.spheres]
@@ -93,8 +97,9 @@ def make_surface_tables(scene: Scene, geometry: Geometry, smooth_normals: bool, 
         material_step=np.array([np.ndim(record.material) for record in records], dtype=np.int64),
         normal_from_object=normal_from_object,
         mirrored=dot(geometry.world_from_object[:, 0, :3], normal_from_object[:, 0]) < 0,
-        normals=_pack_corners(scene, lambda mesh: mesh.normals, 3) if smooth_normals else None,
-        uvs=_pack_corners(scene, lambda mesh: mesh.uvs, 2) if uvs else None,
+        normals=pack_corners(scene, lambda mesh: mesh.normals, 3) if smooth_normals else None,
+        uvs=pack_corners(scene, lambda mesh: mesh.uvs, 2) if uvs else None,
+        with_barycentric=barycentric,
     )
 
 
@@ -108,7 +113,7 @@ def _cofactors(matrices: Floats) -> Floats:
     return np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=1)
 
 
-def _pack_corners(scene: Scene, values_of: Callable[[Mesh], Floats | None], width: int) -> CornerTable:
+def pack_corners(scene: Scene, values_of: Callable[[Mesh], Floats | None], width: int) -> CornerTable:
     """Pack one corner attribute: (v, width) per vertex or (t, 3, width) per corner, of the meshes that have it."""
     values, rows, first = [np.zeros((0, width))], [np.zeros((0, 3), dtype=np.int32)], []
     value_count = row_count = 0
@@ -167,6 +172,7 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
         instance=hits.instance,
         primitive=hits.primitive,
         uv=None if tables.uvs is None else _interpolate_uvs(tables, hits, is_triangle),
+        barycentric=hits.barycentric if tables.with_barycentric else None,
     )
 
 
@@ -222,7 +228,7 @@ def _interpolate_normals(
         return geometric
     mesh = tables.geometry.instance_mesh[instance]
     smooth = np.flatnonzero(tables.normals.first[mesh] >= 0)
-    local = _gather_corners(tables.normals, mesh[smooth], primitive[smooth], weights[smooth])
+    local = gather_corners(tables.normals, mesh[smooth], primitive[smooth], weights[smooth])
     matrices = tables.normal_from_object[instance[smooth]]  # (k, 3, 3)
     world = normalize(dot(matrices, normalize(local)[:, np.newaxis, :]))
     world = np.where(tables.mirrored[instance[smooth], np.newaxis], -world, world)
@@ -240,11 +246,11 @@ def _interpolate_uvs(tables: SurfaceTables, hits: Hits, is_triangle: NDArray[np.
     mesh = tables.geometry.instance_mesh[hits.instance[rows]]
     has_uv = tables.uvs.first[mesh] >= 0
     rows, mesh = rows[has_uv], mesh[has_uv]
-    uv[rows] = _gather_corners(tables.uvs, mesh, hits.primitive[rows], hits.barycentric[rows])
+    uv[rows] = gather_corners(tables.uvs, mesh, hits.primitive[rows], hits.barycentric[rows])
     return uv
 
 
-def _gather_corners(table: CornerTable, mesh: Integers, primitive: Integers, weights: Floats) -> Floats:
+def gather_corners(table: CornerTable, mesh: Integers, primitive: Integers, weights: Floats) -> Floats:
     """Interpolate a corner table at n points, (n, width)."""
     corners = table.values[table.rows[table.first[mesh] + primitive]]  # (n, 3 corners, width)
     return interpolate(weights, corners[:, 0], corners[:, 1], corners[:, 2])

@@ -63,7 +63,7 @@ def extract_scene(depsgraph: Any, passes: Sequence[str] = ("Combined",), geometr
     meshes = MeshTable("UV" in passes, warnings)
     warn_missing(depsgraph, warnings)
     placements = walk_instances(depsgraph, Context(view_layer, meshes, materials, warnings))
-    placed = place_parts(placements, warnings)
+    placed = place_parts(placements, warnings, materials is not None and materials.read_object_info)
     world = None if geometry_only else extract_world(versions.find_world(scene, view_layer), warnings)
     record = raytracer.Scene(
         meshes=meshes.records,

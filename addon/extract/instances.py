@@ -14,11 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import raytracer
+from raytracer.noise import hash_words
 
+from .attributes import AttributeTable
 from .lights import extract_light
 from .materials import MaterialTable
 from .meshes import MeshTable, Points, extract_points
 from .warnings import WarningList
+
+# Blender's random numbers of instances are whole, 0 to this.
+LARGEST_ID = 2**32 - 1
 
 # Rounding that a product of float32 matrices may leave between axes of equal length: a few parts in 2^24.
 UNIFORM_SCALE_TOLERANCE = 64 * float(np.finfo(np.float32).eps)
@@ -52,6 +57,7 @@ class Part:
     object: ObjectKey
     pass_index: int = 0
     holdout: bool = False
+    color: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
     mesh: int | None = None
     points: Points | None = None
     material: int = 0
@@ -60,11 +66,13 @@ class Part:
 
 @dataclass
 class Placements:
-    """The parts, and for each instance worth keeping the number of its part and its (4, 4) world matrix."""
+    """The parts, and for each instance worth keeping the number of its part, its (4, 4) world matrix, and Blender's
+    random number for it, 0 to 1."""
 
     parts: list[Part] = field(default_factory=list)
     part: list[int] = field(default_factory=list)
     world_from_object: list[NDArray[np.float64]] = field(default_factory=list)
+    random: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -75,6 +83,7 @@ class Context:
     meshes: MeshTable
     materials: MaterialTable | None
     warnings: WarningList
+    attributes: AttributeTable = field(default_factory=AttributeTable)
 
 
 def walk_instances(depsgraph: Any, context: Context) -> Placements:
@@ -98,7 +107,16 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
         if known[key] >= 0:
             placements.part.append(known[key])
             placements.world_from_object.append(np.array(instance.matrix_world, dtype=np.float64))
+            placements.random.append(instance.random_id / LARGEST_ID if is_instance else hash_name(source.name))
     return placements
+
+
+def hash_name(name: str) -> float:
+    """Return Cycles' random number, 0 to 1, for an object that is no instance (blender/object.cpp, util/hash.h)."""
+    word = 0
+    for byte in name.encode():
+        word = (word * 37 + byte) % 2**32
+    return float(hash_words(word, 0)) / LARGEST_ID
 
 
 def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part | None:
@@ -115,13 +133,15 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         return None
     warn_hair(source, context.warnings)
     holdout = instancer.holdout_get(view_layer=context.view_layer)
-    part = Part(make_key(source), shown.pass_index, holdout)
+    part = Part(make_key(source), shown.pass_index, holdout, tuple(shown.color))
     if kind == "MESH":
         geometry = context.meshes.find_geometry(shown.data, name)
         if geometry is None:
             return None
         materials = find_materials(shown, source, geometry.used_slots, context)
-        return replace(part, mesh=context.meshes.find_index(shown.data, geometry, materials))
+        names = context.materials.list_attributes(materials) if context.materials else set()
+        attributes = context.attributes.find_attributes(shown.data, geometry, names)
+        return replace(part, mesh=context.meshes.find_index(shown.data, geometry, materials, attributes))
     points = extract_points(shown.data, name, context.warnings)
     if points is None:
         return None
@@ -196,8 +216,11 @@ class Placed:
     objects: tuple[ObjectKey, ...]
 
 
-def place_parts(placements: Placements, warnings: WarningList) -> Placed:
-    """Return instances, spheres and lights in world space; those with a matrix that is not finite are left out."""
+def place_parts(placements: Placements, warnings: WarningList, with_info: bool = False) -> Placed:
+    """Return instances, spheres and lights in world space; those with a matrix that is not finite are left out.
+
+    with_info : True where a material reads the random number or the color of its object
+    """
     matrices = np.array(placements.world_from_object).reshape(-1, 4, 4)  # (i, 4, 4)
     matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)  # as Cycles: a parent's inverse matrix may hold anything there
     finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
@@ -220,6 +243,8 @@ def place_parts(placements: Placements, warnings: WarningList) -> Placed:
         world_from_object=matrices[np.asarray(meshes, dtype=np.intp)],
         pass_index=np.array([part.pass_index for part in parts], dtype=np.int32),
         holdout=np.array([part.holdout for part in parts], dtype=np.bool_),
+        random=np.array([placements.random[row] for row in meshes]) if with_info else None,
+        color=np.array([part.color for part in parts]).reshape(-1, 4) if with_info else None,
     )
     objects = (*(part.object for part in parts), *sphere_objects)
     return Placed(instances, tuple(spheres), tuple(lights), objects)

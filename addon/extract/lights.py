@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import raytracer
 
 from .. import versions
-from .materials import read_shader
+from .materials import read_constant_emission
 from .nodes import Color, Place
 from .warnings import WarningList
 
@@ -50,9 +50,8 @@ def read_light_nodes(light: Any, place: Place) -> Color:
     output = versions.find_output_node(node_tree) if node_tree is not None else None
     if output is None:
         return np.ones(3) if node_tree is None else np.zeros(3)
-    closures = read_shader(output.inputs["Surface"], (), 1.0, place)
-    factors = [closure.weight * closure.color for closure in closures if closure.kind == "emission"]
-    return np.sum(factors, axis=0) if factors else np.zeros(3)
+    factor = read_constant_emission(output.inputs["Surface"], place)
+    return np.zeros(3) if factor is None else factor
 
 
 def read_angle(angle: float) -> float:

@@ -7,6 +7,7 @@ Imports raytracer and this package.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,12 +42,14 @@ class Geometry:
     polygons : (t,) int32, the Blender polygon that each triangle is part of
     slots : (t,) int32, material slot of each triangle; None = slot 0 for all
     used_slots : the slot numbers that triangles have
+    kept : (all triangles of the Blender mesh,) bool, False for those left out; None = all are kept
     """
 
     mesh: raytracer.Mesh
     polygons: NDArray[np.int32]
     slots: NDArray[np.int32] | None
     used_slots: tuple[int, ...]
+    kept: NDArray[np.bool_] | None = None
 
 
 def extract_geometry(mesh: Any, name: str, with_uvs: bool, warnings: WarningList) -> Geometry | None:
@@ -76,7 +79,7 @@ def extract_geometry(mesh: Any, name: str, with_uvs: bool, warnings: WarningList
         normals = replace_broken_normals(normals, positions, triangles)
     record = raytracer.Mesh(positions, triangles, normals=normals, uvs=uvs, name=name)
     used_slots = (0,) if slots is None else tuple(np.flatnonzero(np.bincount(slots)).tolist())
-    return Geometry(record, polygons, slots, used_slots)
+    return Geometry(record, polygons, slots, used_slots, kept)
 
 
 def find_finite_triangles(
@@ -158,12 +161,15 @@ class MeshTable:
             self._geometries[pointer] = extract_geometry(mesh, name, self._with_uvs, self._warnings)
         return self._geometries[pointer]
 
-    def find_index(self, mesh: Any, geometry: Geometry, materials: tuple[int, ...]) -> int:
-        """Return the index of the scene's mesh with this geometry and these materials for its used slots."""
+    def find_index(
+        self, mesh: Any, geometry: Geometry, materials: tuple[int, ...], attributes: Mapping[str, NDArray[Any]]
+    ) -> int:
+        """Return the index of the scene's mesh with this geometry, these materials for its used slots, and attributes
+        that these materials read."""
         key = (mesh.as_pointer(), materials)
         if key not in self._indices:
             self._indices[key] = len(self.records)
-            self.records.append(assign_materials(geometry, materials))
+            self.records.append(dataclasses.replace(assign_materials(geometry, materials), attributes=attributes))
             self.polygons.append(geometry.polygons)
         return self._indices[key]
 

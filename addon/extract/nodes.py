@@ -1,8 +1,7 @@
-"""Shader node trees, read backwards from a socket: links, groups, constants.
+"""Shader node trees, read backwards from a socket: links, groups, sockets' own values.
 
-A link leads through reroutes, muted nodes and node groups to the node that makes the value. Constants (unlinked
-sockets, RGB and Value nodes) are read; what any other node would compute is replaced by the socket's own value and
-reported once per shader node. Imports bpy types and this package.
+A link leads through reroutes, muted nodes and node groups to the node that makes the value; `programs` turns what
+nodes compute into steps. Imports bpy types and this package.
 """
 
 from __future__ import annotations
@@ -18,7 +17,8 @@ Color = NDArray[np.float64]
 
 # Relative luminance of linear Rec. 709, Blender's default working space: how a color becomes a number.
 LUMINANCE = np.array((0.2126, 0.7152, 0.0722))
-CONSTANT_NODES = ("RGB", "VALUE")
+# The group nodes that a socket lies in, outermost first.
+Groups = tuple[Any, ...]
 
 
 class Place(NamedTuple):
@@ -48,7 +48,7 @@ class Source(NamedTuple):
 def find_source(socket: Any, groups: tuple[Any, ...] = ()) -> Source:
     """Follow an input socket back to its Source."""
     while socket is not None:
-        link = next((link for link in socket.links if link.is_valid and not link.is_muted), None)
+        link = find_link(socket)
         if link is None:
             break
         node, output = link.from_node, link.from_socket
@@ -61,6 +61,11 @@ def find_source(socket: Any, groups: tuple[Any, ...] = ()) -> Source:
         else:
             return Source(output, groups)
     return Source(socket, groups)
+
+
+def find_link(socket: Any) -> Any:
+    """Return the link that feeds an input socket, or None."""
+    return next((link for link in socket.links if link.is_valid and not link.is_muted), None)
 
 
 def find_group_output(group: Any, identifier: str) -> Any:
@@ -85,46 +90,3 @@ def read_number(value: Any) -> float:
     """Return a socket's value as a number: a color's luminance, NaN as 0."""
     number = float(value) if np.ndim(value) == 0 else float(LUMINANCE @ np.array(value[:3], dtype=np.float64))
     return float(np.nan_to_num(number))
-
-
-class NodeInputs:
-    """Reads the inputs of one node as constants, and reports all that are not in one warning."""
-
-    def __init__(self, node: Any, groups: tuple[Any, ...], place: Place) -> None:
-        self.node, self.groups, self.place = node, groups, place
-        self._replaced: list[str] = []
-
-    def color(self, identifier: str) -> Color:
-        """Return the input as (3,) linear RGB."""
-        return read_color(self._read(identifier))
-
-    def number(self, identifier: str, low: float = 0.0, high: float = np.inf) -> float:
-        """Return the input as a number, clamped to what the shader takes."""
-        return min(max(read_number(self._read(identifier)), low), high)
-
-    def _read(self, identifier: str) -> Any:
-        socket = find_socket(self.node.inputs, identifier)
-        source = find_source(socket, self.groups).socket
-        if source is not None and (not source.is_output or source.node.type in CONSTANT_NODES):
-            return source.default_value
-        value = socket.default_value
-        origin = f"node '{source.node.name}'" if source is not None else "a link that leads nowhere"
-        shown = f"{value:.3g}" if np.ndim(value) == 0 else f"({', '.join(f'{part:.3g}' for part in value[:3])})"
-        self._replaced.append(f"{socket.name} {shown} instead of {origin}")
-        return value
-
-    def is_used(self, identifier: str) -> bool:
-        """Return True where an optional input is linked, or set to something other than zero."""
-        socket = find_socket(self.node.inputs, identifier)
-        if socket is None or not socket.enabled:
-            return False
-        source = find_source(socket, self.groups).socket
-        if source is None or source.is_output or socket.type == "VECTOR":
-            return source is None or source.is_output
-        return read_number(source.default_value) != 0
-
-    def report(self) -> None:
-        """Add one warning that lists the inputs that constants replaced."""
-        if self._replaced:
-            listed = ", ".join(self._replaced)
-            self.place.warn(f"node '{self.node.name}': only constants are supported, used {listed}")

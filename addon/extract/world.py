@@ -7,7 +7,7 @@ from typing import Any
 import raytracer
 
 from .. import versions
-from .materials import read_shader
+from .materials import read_constant_emission
 from .nodes import Place, read_color
 from .warnings import WarningList
 
@@ -28,6 +28,5 @@ def extract_world(world: Any, warnings: WarningList) -> raytracer.World | None:
         return None
     if output.inputs["Volume"].is_linked:
         place.warn("volume is not supported, left out")
-    closures = read_shader(output.inputs["Surface"], (), 1.0, place)
-    color = sum(closure.weight * closure.color for closure in closures if closure.kind == "emission")
-    return raytracer.World(color) if closures else None
+    color = read_constant_emission(output.inputs["Surface"], place)
+    return None if color is None else raytracer.World(color)

@@ -206,17 +206,25 @@ def test_nested_node_groups_are_entered_and_left_again(tree: Any) -> None:
     assert not texts()
 
 
-def test_texture_is_replaced_by_the_sockets_value_and_named_once(tree: Any, shown: Any) -> None:
+def test_unknown_node_is_replaced_by_the_sockets_value_and_named_once(tree: Any, shown: Any) -> None:
     principled = add(tree, "ShaderNodeBsdfPrincipled", Base_Color=(0.25, 0.5, 1, 1))
-    texture = tree.nodes.new("ShaderNodeTexChecker")
-    tree.links.new(texture.outputs["Color"], principled.inputs["Base Color"])
+    bevel = tree.nodes.new("ShaderNodeBevel")
+    tree.links.new(bevel.outputs[0], principled.inputs["Base Color"])
     twin = bpy.data.objects.new("Twin", shown.data)
     bpy.context.scene.collection.objects.link(twin)
     assert_array_equal(extract_closure().color, (0.25, 0.5, 1))
     (warning,) = extract().warnings
     assert (warning.material, warning.object) == ("Material", "Object")
-    assert "'Principled BSDF'" in warning.text
-    assert "Base Color (0.25, 0.5, 1) instead of node 'Checker Texture'" in warning.text
+    assert "node 'Bevel' (Bevel) is not supported" in warning.text
+    assert "'Base Color' of node 'Principled BSDF' keeps its own value" in warning.text
+
+
+def test_a_color_on_a_shader_socket_shines(tree: Any) -> None:
+    add(tree, "ShaderNodeRGB").outputs[0].default_value = (0.25, 0.5, 1, 1)
+    closure = extract_closure()
+    assert closure.kind == "emission"
+    assert_array_equal(closure.color, (0.25, 0.5, 1))
+    assert not texts()
 
 
 @pytest.mark.parametrize(
@@ -230,7 +238,6 @@ def test_texture_is_replaced_by_the_sockets_value_and_named_once(tree: Any, show
         ("ShaderNodeBsdfHairPrincipled", "diffuse", "Color"),
         ("ShaderNodeEeveeSpecular", "diffuse", "Base Color"),
         ("ShaderNodeVolumePrincipled", "diffuse", None),
-        ("ShaderNodeTexChecker", "diffuse", None),
     ],
 )
 def test_unknown_shader_gets_a_stand_in_and_is_named(tree: Any, node: str, kind: str, color_input: str | None) -> None:
@@ -356,12 +363,21 @@ def test_world_without_shader_is_black(world_tree: Any) -> None:
 
 def test_world_texture_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
     background = add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
+    coordinate = world_tree.nodes.new("ShaderNodeTexCoord")
+    world_tree.links.new(coordinate.outputs["Generated"], background.inputs["Color"])
+    assert_array_equal(extract().scene.world.color, (0.25, 0.5, 1))
+    (text,) = texts()
+    assert text.startswith("world 'World': node 'Background'")
+    assert "Color (0.25, 0.5, 1) instead of node 'Texture Coordinate'" in text
+
+
+def test_sky_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
+    background = add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
     sky = world_tree.nodes.new("ShaderNodeTexSky")
     world_tree.links.new(sky.outputs[0], background.inputs["Color"])
     assert_array_equal(extract().scene.world.color, (0.25, 0.5, 1))
     (text,) = texts()
-    assert text.startswith("world 'World': node 'Background'")
-    assert "'Sky Texture'" in text
+    assert text.startswith("world 'World': node 'Sky Texture'")
 
 
 @pytest.mark.skipif(versions.VERSION >= (5, 0), reason="worlds always have nodes since Blender 5.0")

@@ -1,0 +1,85 @@
+"""Attributes of meshes that materials read: uv maps, colors, any named attribute, Generated coordinates.
+
+Each is read from an evaluated mesh as (v, k) per vertex or (t, 3, k) per corner of the triangles; values per face or
+edge become values at corners. Imports raytracer and this package.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .meshes import Geometry, read_array, read_corners
+from .node_settings import DEFAULT_COLOR, DEFAULT_UV, GENERATED
+
+Values = NDArray[Any]
+
+# Blender's types of attributes: the field of their values, NumPy's type, and numbers per value.
+ATTRIBUTE_TYPES: dict[str, tuple[str, type, int]] = {
+    "FLOAT": ("value", np.float32, 1),
+    "INT": ("value", np.int32, 1),
+    "INT8": ("value", np.int32, 1),
+    "BOOLEAN": ("value", np.bool_, 1),
+    "FLOAT2": ("vector", np.float32, 2),
+    "FLOAT_VECTOR": ("vector", np.float32, 3),
+    "FLOAT_COLOR": ("color", np.float32, 4),
+    "BYTE_COLOR": ("color", np.float32, 4),
+}
+
+
+def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | None:
+    """Return a mesh's attribute for the triangles of its Geometry, or None where it has none of that name and of a
+    kind that materials read."""
+    if name == GENERATED:
+        return read_generated(mesh)
+    if name == DEFAULT_UV:
+        attribute = next((layer for layer in mesh.uv_layers if layer.active_render), None)
+        name = "" if attribute is None else attribute.name
+    elif name == DEFAULT_COLOR:
+        index = mesh.color_attributes.render_color_index
+        name = mesh.color_attributes[index].name if 0 <= index < len(mesh.color_attributes) else ""
+    attribute = mesh.attributes.get(name) if name else None
+    if attribute is None or attribute.data_type not in ATTRIBUTE_TYPES:
+        return None
+    field, dtype, width = ATTRIBUTE_TYPES[attribute.data_type]
+    values = read_array(attribute.data, field, dtype, width).reshape(-1, width).astype(np.float32)
+    return to_triangles(mesh, geometry, attribute.domain, np.nan_to_num(values))
+
+
+def to_triangles(mesh: Any, geometry: Geometry, domain: str, values: Values) -> Values | None:
+    """Return values of a domain at vertices (v, k) or at the corners of triangles (t, 3, k); None for edges."""
+    if domain == "POINT":
+        return values
+    if domain == "CORNER":
+        corners = read_corners(mesh)
+        return values[corners if geometry.kept is None else corners[geometry.kept]]
+    if domain == "FACE":
+        return np.repeat(values[geometry.polygons][:, np.newaxis], 3, axis=1)
+    return None
+
+
+def read_generated(mesh: Any) -> Values:
+    """Return Generated coordinates (v, 3): 0 to 1 over the mesh's texture space, of the undeformed vertices."""
+    size = np.array(mesh.texspace_size, dtype=np.float32)
+    location = np.array(mesh.texspace_location, dtype=np.float32)
+    scale = np.divide(0.5, size, out=np.zeros_like(size), where=size != 0)
+    undeformed = read_array(mesh.vertices, "undeformed_co", np.float32, 3)
+    return (undeformed - location) * scale + np.float32(0.5)
+
+
+class AttributeTable:
+    """The attributes of a scene's meshes, each read once."""
+
+    def __init__(self) -> None:
+        self._values: dict[tuple[int, str], Values | None] = {}
+
+    def find_attributes(self, mesh: Any, geometry: Geometry, names: set[str]) -> dict[str, Values]:
+        """Return those of the attributes `names` that an evaluated mesh has, by name."""
+        for name in names:
+            key = (mesh.as_pointer(), name)
+            if key not in self._values:
+                self._values[key] = read_mesh_attribute(mesh, geometry, name)
+        found = {name: self._values[mesh.as_pointer(), name] for name in sorted(names)}
+        return {name: values for name, values in found.items() if values is not None}
