@@ -6,6 +6,8 @@ Imports `lecture`, `frames`, `light_shapes`, `sampling`, `scene`.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from raytracer.frames import normalize
@@ -29,6 +31,7 @@ def area_of(light: AreaLight) -> float:
     return area * np.pi / 4.0 if light.shape == "ellipse" else area
 
 
+@lru_cache(maxsize=1024)
 def unit_axes(light: AreaLight) -> tuple[Floats, Floats, Floats]:
     """Return unit axes u, v and the side that shines, -(u x v)."""
     u, v = normalize(light.axis_u), normalize(light.axis_v)

@@ -60,8 +60,11 @@ def evaluate_lobes(shading: Shading, probabilities: Floats, incoming: Floats) ->
     solid angle with which `sample_continuation` takes that direction."""
     specular, density = np.zeros((len(shading), 3)), np.zeros(len(shading))
     for column, lobes in enumerate(shading.lobes, start=1):
+        lobes = _select_facing(shading, lobes, incoming)
         rows = lobes.hit
-        value, lobe_density = _evaluate(shading, lobes, incoming[rows])
+        value, lobe_density = evaluate_microfacets(
+            lobes, shading.outgoing[rows], incoming[rows], shading.geometric_normal[rows]
+        )
         specular[rows] += value
         density[rows] += probabilities[rows, column] * lobe_density
     return specular, density
@@ -99,9 +102,14 @@ def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats) -> Fl
     return part.albedo * (fading * cosine / np.pi)[:, np.newaxis]
 
 
-def _evaluate(shading: Shading, lobes: Microfacets, incoming: Floats) -> tuple[Floats, Floats]:
-    rows = lobes.hit
-    return evaluate_microfacets(lobes, shading.outgoing[rows], incoming, shading.geometric_normal[rows])
+def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Microfacets:
+    """Return the lobes that may send light from `incoming` (n, 3) back: perfect ones never, others to the side of the
+    surface that they reflect or transmit to."""
+    above = dot(lobes.normal, incoming.take(lobes.hit, axis=0)) > 0
+    facing = ~lobes.is_perfect & np.where(
+        above, (lobes.reflection > 0).any(axis=1), (lobes.transmission > 0).any(axis=1)
+    )
+    return lobes if facing.all() else lobes.select(np.flatnonzero(facing))
 
 
 def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats, pair: Floats) -> Continuation:

@@ -1,5 +1,8 @@
 """Materials: Fresnel's formulas, reciprocity, energy, and sampling against quadrature of what it samples."""
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ import raytracer.microfacet_albedo as albedo
 from raytracer.closures import SMALLEST_PICK
 from raytracer.frames import reflect
 from raytracer.lecture import dot
+from raytracer.light_shapes import LightSamples
 from raytracer.materials import make_material_table, make_shading
 from raytracer.microfacet import (
     SMALLEST_ALPHA,
@@ -18,7 +22,13 @@ from raytracer.microfacet import (
     transmitted_cosine,
 )
 from raytracer.rays import Surface
-from raytracer.scatter import evaluate_scattering, option_probabilities, power_heuristic, sample_continuation
+from raytracer.scatter import (
+    evaluate_lobes,
+    option_probabilities,
+    power_heuristic,
+    reflect_light,
+    sample_continuation,
+)
 from raytracer.scene import Closure, Material, Scene
 
 # What the tables of energy promise, see `microfacet_albedo`: the nodes' own error, and that of reading between them.
@@ -38,6 +48,22 @@ CLOSURES = {
     "principled glass": Closure("principled", color=0.9, transmission=1.0, roughness=0.5),
     "all": Closure("principled", color=0.7, transmission=0.4, metallic=0.3, roughness=0.5, alpha=0.7, specular=0.8),
 }
+
+
+class Scattering(NamedTuple):
+    """f |cos| of the Lambertian part and of all lobes, (n, 3), and the density of `sample_continuation`, (n,)."""
+
+    diffuse: np.ndarray
+    specular: np.ndarray
+    density: np.ndarray
+
+
+def evaluate_scattering(shading, probabilities, incoming):
+    """What each point sends back of a unit of light from `incoming`."""
+    count = len(shading)
+    unit = LightSamples(incoming, np.full(count, np.inf), np.ones((count, 3)), np.full(count, np.inf))
+    diffuse = reflect_light(replace(shading, lobes=()), probabilities, unit)
+    return Scattering(diffuse, *evaluate_lobes(shading, probabilities, incoming))
 
 
 def shade(closures, outgoing, front=True, normal=(0.0, 0.0, 1.0)):
