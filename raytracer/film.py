@@ -112,11 +112,13 @@ class Film:
         """
         if name not in self._sums:
             raise KeyError(f"the film has no pass {name!r}; it has {', '.join(self.names)}")
-        values = self._sums[name]
-        if not PASSES[name].from_centre:
-            values = values / np.maximum(self._counts, 1)[:, np.newaxis]
-        picture = values.reshape(self.height, self.width, -1)[::-1]
-        return np.ascontiguousarray(picture, dtype=np.float32)
+        sums = self._sums[name].reshape(self.height, self.width, -1)
+        counts = self._counts.reshape(self.height, self.width, 1)
+        picture = np.empty(sums.shape, dtype=np.float32)
+        for row in range(self.height):  # a row at a time: a large film leaves no room for a second one in float64
+            values = sums[row] if PASSES[name].from_centre else sums[row] / np.maximum(counts[row], 1)
+            picture[self.height - 1 - row] = values
+        return picture
 
 
 def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:

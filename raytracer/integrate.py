@@ -53,6 +53,8 @@ OPAQUE_ENOUGH = 0.5
 CHOICE, WAY, FIRST_SOURCE = range(3)
 # Paths shaded together; casts take whole waves.
 PART_SIZE = 1 << 15
+# Most shadow rays that are kept to be cast together; bounds the memory that many lamps take.
+SHADOW_BATCH = 1 << 20
 # What programs of materials that ask for the picture's size get where there is none.
 DEFAULT_FRAME = (1000, 1000)
 
@@ -162,13 +164,7 @@ def trace(integrator: Integrator, rays: Rays, samples: PixelSamples) -> dict[str
         add_lamps(integrator, record, paths, hits)
         met = np.flatnonzero(hits.hit)
         paths, hits = cut_holes(integrator, record, paths.select(met), hits.select(met))
-        parts = [
-            shade(integrator, record, paths.select(part), hits.select(part), samples, shared, dimension)
-            for part in cut_to_parts(len(paths))
-        ]
-        if integrator.needs_light:
-            add_direct_light(integrator, record, [rays for part in parts for rays in part.aimed], first=dimension == 0)
-        paths = join_paths([part.paths for part in parts])
+        paths = shade_wave(integrator, record, paths, hits, samples, shared, dimension)
         dimension += integrator.dimensions
         shared = None  # only what the camera sees straight shares points of lights
     finish_alpha(integrator, record)
@@ -201,9 +197,28 @@ def describe_path(integrator: Integrator, paths: Paths, hits: Hits) -> LightPath
     )
 
 
-def cut_to_parts(count: int) -> list[slice]:
-    """Return slices of about PART_SIZE that cover `count` paths: what is computed for them stays in the cache."""
-    return [slice(start, start + PART_SIZE) for start in range(0, count, PART_SIZE)]
+def shade_wave(
+    integrator: Integrator,
+    record: Record,
+    paths: Paths,
+    hits: Hits,
+    samples: PixelSamples,
+    shared: SharedSamples | None,
+    dimension: int,
+) -> Paths:
+    """Shade all hits, in parts that stay in the cache, cast their shadow rays together; return the paths that go on."""
+    going_on, waiting = [], []
+    for start in range(0, len(paths), PART_SIZE):
+        part = slice(start, start + PART_SIZE)
+        shaded = shade(integrator, record, paths.select(part), hits.select(part), samples, shared, dimension)
+        going_on.append(shaded.paths)
+        waiting += shaded.aimed
+        if sum(len(rays.row) for rays in waiting) >= SHADOW_BATCH:
+            add_direct_light(integrator, record, waiting, first=dimension == 0)
+            waiting = []
+    if waiting:
+        add_direct_light(integrator, record, waiting, first=dimension == 0)
+    return join_paths(going_on)
 
 
 def shade(
