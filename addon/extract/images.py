@@ -1,7 +1,7 @@
 """Images of image textures: pixels as Cycles interpolates them, read once for each image.
 
 Byte images stay bytes, straight from Blender and still encoded; float images are scene linear already. Alpha is
-multiplied in where Cycles does so: not for data, channel-packed images, or where alpha is switched off.
+multiplied in where Cycles does so: never for data, channel-packed images, or where alpha is switched off.
 Imports raytracer and this package.
 """
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from raytracer.programs import Image
 
+from .. import versions
 from .color_spaces import find_decoder
 from .nodes import Place
 
@@ -42,7 +43,7 @@ class ImageTable:
 
 
 def is_associated(image: Any) -> bool:
-    """True where an image's colors are multiplied by its alpha."""
+    """True where an image's colors come multiplied by its alpha, and are divided by it where alpha is read as well."""
     return image is not None and not image.colorspace_settings.is_data and image.alpha_mode not in UNASSOCIATED_MODES
 
 
@@ -62,9 +63,9 @@ def extract_image(image: Any, place: Place) -> Image | None:
     found = read_floats(pixels) if image.is_float else read_bytes(pixels)
     if image.alpha_mode == "NONE":
         found[..., 3] = LARGEST_BYTE if found.dtype == np.uint8 else 1.0
-    if image.is_float:
-        return Image(found, "linear", image.name)
-    return decode(associate(found) if is_associated(image) else found, image, place)
+    if is_associated(image) and versions.multiplies_alpha(image):
+        found = associate(found)
+    return Image(found, "linear", image.name) if image.is_float else decode(found, image, place)
 
 
 def read_floats(pixels: Pixels) -> Pixels:
@@ -82,7 +83,9 @@ def read_bytes(pixels: Pixels) -> Pixels:
 
 
 def associate(pixels: Pixels) -> Pixels:
-    """Multiply the colors of bytes by their alpha, rounded down as in Cycles (blender/image.cpp)."""
+    """Multiply colors by their alpha; bytes are rounded down as in Cycles (blender/image.cpp)."""
+    if pixels.dtype != np.uint8:
+        return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], axis=2)
     if (pixels[..., 3] == LARGEST_BYTE).all():
         return pixels
     wide = pixels.astype(np.uint16)

@@ -191,4 +191,8 @@ def find_operation(node: Any, output: str) -> str | None:
     """Return the name of the tracer's operation for an output of a node, or None."""
     variant = node.direction_type if node.type == "TANGENT" else output
     name = f"{node.type} {variant}"
-    return next((name for name in (ALIASES.get(name, name), node.type) if name in OPERATIONS), None)
+    found = next((name for name in (ALIASES.get(name, name), node.type) if name in OPERATIONS), None)
+    if found is None:
+        return None
+    choices = OPERATIONS[found].choices
+    return found if all(getattr(node, setting) in values for setting, values in choices.items()) else None

@@ -167,6 +167,7 @@ VECTOR_MATH: dict[str, Callable[[Any, Any, Any, Any], Any]] = {
     "FLOOR": lambda a, b, c, s: np.floor(a),
     "CEIL": lambda a, b, c, s: np.ceil(a),
     "FRACTION": lambda a, b, c, s: a - np.floor(a),
+    "ROUND": lambda a, b, c, s: np.floor(np.asarray(a) + 0.5),
     "MODULO": lambda a, b, c, s: _modulo(a, b),
     "WRAP": lambda a, b, c, s: _wrap(a, b, c),
     "SNAP": lambda a, b, c, s: _snap(a, b),
@@ -270,14 +271,28 @@ def repeat(value: Any) -> Array:
     return np.repeat(spread(value), 3, axis=-1)
 
 
+VECTOR_OPERATIONS = (*VECTOR_MATH, *VECTOR_NUMBERS)
 _RANGE = ("From Min", "From Max", "To Min", "To Max", "Steps")
 _VECTOR_RANGE = tuple(f"{name.replace(' ', '_')}_FLOAT3" for name in _RANGE)
 _VECTORS = ("Vector", "Vector_001", "Vector_002")
 
 OPERATIONS = {
-    "MATH": Operation(compute_math, ("Value", "Value_001", "Value_002"), settings=("operation", "use_clamp")),
-    "VECT_MATH Vector": Operation(compute_vector_math, (*_VECTORS, "Scale"), ("Vector",), ("operation",)),
-    "VECT_MATH Value": Operation(compute_vector_number, _VECTORS[:2], ("Value",), ("operation",)),
+    "MATH": Operation(
+        compute_math,
+        ("Value", "Value_001", "Value_002"),
+        settings=("operation", "use_clamp"),
+        choices={"operation": MATH},
+    ),
+    "VECT_MATH Vector": Operation(
+        compute_vector_math,
+        (*_VECTORS, "Scale"),
+        ("Vector",),
+        ("operation",),
+        choices={"operation": VECTOR_OPERATIONS},
+    ),
+    "VECT_MATH Value": Operation(
+        compute_vector_number, _VECTORS[:2], ("Value",), ("operation",), choices={"operation": VECTOR_OPERATIONS}
+    ),
     "CLAMP": Operation(clamp, ("Value", "Min", "Max"), ("Result",), ("clamp_type",)),
     "MAP_RANGE Result": Operation(
         map_range_of_number, ("Value", *_RANGE), ("Result",), ("interpolation_type", "clamp")

@@ -67,6 +67,8 @@ def rotate_vector(
 
 def transform_vector(site: Site, vector: Any, *, vector_type: str, convert_from: str, convert_to: str) -> Array:
     """From one of world, object and camera space to another, as a point, a vector or a normal."""
+    if convert_from == convert_to:
+        return np.asarray(vector)
     world = site.to_world(vector, convert_from, vector_type)
     result = site.from_world(world, convert_to, vector_type)
     return normalize(result) if vector_type == "NORMAL" else result

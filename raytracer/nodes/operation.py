@@ -5,7 +5,7 @@ Imports NumPy only.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,6 +30,7 @@ class Operation:
     reads_site : False for a pure function, which is computed once where all its inputs are constant
     links : for an input that nothing is linked to, the operation that feeds it instead of the socket's own value
     attributes : the names of the mesh attributes read, from the settings
+    choices : for settings that choose among functions, the values that there are
     """
 
     compute: Callable[..., Any]
@@ -39,6 +40,7 @@ class Operation:
     reads_site: bool = False
     links: Mapping[str, str] = field(default_factory=dict)
     attributes: Callable[[Mapping[str, Any]], tuple[str, ...]] = read_no_attributes
+    choices: Mapping[str, Collection[str]] = field(default_factory=dict)
 
 
 def spread(numbers: Any) -> Array:

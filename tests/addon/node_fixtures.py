@@ -1,5 +1,5 @@
 """What the tests of nodes against Cycles share: a sheet of small planes, one for each configuration of nodes, rendered
-through the pixels' centres by both engines in one picture."""
+through the same points by both engines in one picture."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ from raytracer.integrate import prepare, trace
 from raytracer.sampling import PixelSamples
 
 CELL = 8  # pixels of a plane, each side
+# Cycles takes the place within the pixel from a table of 1024 steps, whose middle lies so much, in pixels, beside it.
+CYCLES_OFFSET = 1 / 2048
+LOWEST = -8.0  # values below are cut
 Make = Callable[[Any], Any]
 
 
@@ -31,9 +34,11 @@ def make_material(name: str, make: Make) -> Any:
     tree.nodes.clear()
     emission, output = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(emission.outputs[0], output.inputs["Surface"])
-    # Closures take no negative colors: what is compared is 1/2 + v / 4.
-    shown = add_node(tree, "ShaderNodeVectorMath", {"Vector": make(tree)}, operation="MULTIPLY_ADD")
-    shown.inputs[1].default_value, shown.inputs[2].default_value = [0.25] * 3, [0.5] * 3
+    # Closures take no negative colors: what shines is v - LOWEST.
+    inputs = {"Vector": make(tree), "Vector_001": [LOWEST] * 3}
+    raised = add_node(tree, "ShaderNodeVectorMath", inputs, operation="MAXIMUM")
+    shown = add_node(tree, "ShaderNodeVectorMath", {"Vector": raised.outputs[0]}, operation="SUBTRACT")
+    shown.inputs[1].default_value = [LOWEST] * 3
     tree.links.new(shown.outputs[0], emission.inputs["Color"])
     return material
 
@@ -55,8 +60,8 @@ def add_node(tree: Any, kind: str, inputs: Mapping[str, Any] | None = None, **pr
 def make_tilted_plane(name: str) -> Any:
     """Return a mesh of 1 m x 1 m seen from above, whose z varies, with uvs, colors and smooth, uneven normals."""
     mesh = bpy.data.meshes.new(name)
-    steps = (-0.5, -0.19, 0.127, 0.5)  # no edge runs through a pixel's centre
-    vertices = [(x, y, 0.3 * x - 0.5 * y + 0.2 * x * y) for y in steps for x in steps]
+    columns, rows = (-0.5, -0.19, 0.127, 0.5), (-0.5, -0.113, 0.231, 0.5)  # no edge runs through a pixel's centre
+    vertices = [(x, y, 0.3 * x - 0.5 * y + 0.2 * x * y) for y in rows for x in columns]
     faces = [(4 * j + i, 4 * j + i + 1, 4 * j + i + 5, 4 * j + i + 4) for j in range(3) for i in range(3)]
     mesh.from_pydata(vertices, [], faces)
     mesh.polygons.foreach_set("use_smooth", [True] * len(faces))
@@ -65,9 +70,10 @@ def make_tilted_plane(name: str) -> Any:
         uv = mesh.uv_layers.new(name=layer)
         u, v = corners[:, 0] + 0.5, corners[:, 1] + 0.5
         uv.uv.foreach_set("vector", np.stack([v, 1.5 * u] if turned else [u, v], axis=1).astype(np.float32).ravel())
-    colors = mesh.color_attributes.new("Col", "BYTE_COLOR", "CORNER")
     values = np.concatenate([0.5 + corners * (0.9, 0.7, 0.5), 0.75 + corners[:, :1] * 0.4], axis=1)
-    colors.data.foreach_set("color", np.clip(values, 0, 1).astype(np.float32).ravel())
+    for name, kind in (("Col", "FLOAT_COLOR"), ("Bytes", "BYTE_COLOR")):
+        colors = mesh.color_attributes.new(name, kind, "CORNER")
+        colors.data.foreach_set("color", np.clip(values, 0, 1).astype(np.float32).ravel())
     number = mesh.attributes.new("number", "FLOAT", "POINT")
     number.data.foreach_set("value", np.linspace(0.1, 0.9, len(vertices)).astype(np.float32))
     face = mesh.attributes.new("face", "FLOAT_VECTOR", "FACE")
@@ -99,7 +105,8 @@ def make_sheet(scene: Any, configurations: Mapping[str, Make]) -> tuple[int, int
 
 
 def render_centres(width: int, height: int) -> tuple[NDArray[np.float64], tuple[Any, ...]]:
-    """Return what our engine sees through the pixels' centres, (h, w, 3), row 0 at the top, and its warnings."""
+    """Return what our engine sees through the points of Cycles' first sample, (h, w, 3), row 0 at the top, and its
+    warnings."""
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = width, height, 100
     extraction = extract_scene(bpy.context.evaluated_depsgraph_get())
@@ -107,7 +114,8 @@ def render_centres(width: int, height: int) -> tuple[NDArray[np.float64], tuple[
     integrator = prepare(extraction.scene, caster, raytracer.Settings(), (width, height))
     y, x = np.divmod(np.arange(width * height), width)
     samples = PixelSamples(np.arange(width * height, dtype=np.uint32), 0, 0)
-    rays = primary_rays(extraction.scene.camera, width, height, x + 0.5, height - y - 0.5)
+    x, y = x + 0.5 + CYCLES_OFFSET, height - y - 0.5 + CYCLES_OFFSET
+    rays = primary_rays(extraction.scene.camera, width, height, x, y)
     return trace(integrator, rays, samples)["Combined"][:, :3].reshape(height, width, 3), extraction.warnings
 
 
@@ -130,7 +138,7 @@ def measure_differences(
     for number, name in enumerate(configurations):
         row, column = divmod(number, columns)
         cell = np.s_[row * CELL : (row + 1) * CELL, column * CELL : (column + 1) * CELL]
-        pair = np.stack([ours[cell], cycles[cell]])
+        pair = np.stack([ours[cell], cycles[cell]]) + LOWEST
         pictures[name] = pair
         differences[name] = float((np.abs(pair[0] - pair[1]) / (1.0 + np.abs(pair[1]))).max())
     return differences, pictures, warnings
