@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate import Caster
 from raytracer.closures import Shading
-from raytracer.emitters import Emitters, aim_at_triangles, pick_emitters, place_on_triangles, sample_emitters
+from raytracer.emitters import (
+    Emitters,
+    aim_at_triangles,
+    pick_emitters,
+    place_on_triangles,
+    sample_emitters,
+    vary_radiance,
+)
 from raytracer.frames import to_world
 from raytracer.lecture import dot
 from raytracer.light_shapes import LightSamples
@@ -126,9 +133,11 @@ def emitter_source(emitters: Emitters) -> LightSource:
     def sample(points: LitPoints) -> Aim:
         dimension, shared = points.dimension, points.shared
         if shareable and shared is not None:
-            picked = pick_emitters(emitters, shared.uniform(dimension))
-            places = place_on_triangles(emitters, picked, shared.uniform_pair(dimension + 1))
-            return Aim(aim_at_triangles(places.select(shared.key), points.surface), shared.key.astype(np.int32))
+            picked, pair = pick_emitters(emitters, shared.uniform(dimension)), shared.uniform_pair(dimension + 1)
+            places = place_on_triangles(emitters, picked, pair).select(shared.key)
+            light = aim_at_triangles(places, points.surface)
+            vary_radiance(emitters, picked[shared.key], pair[shared.key], points.surface, light)
+            return Aim(light, shared.key.astype(np.int32))
         choice, pair = points.samples.uniform(dimension), points.samples.uniform_pair(dimension + 1)
         return Aim(sample_emitters(emitters, points.surface, choice, pair), _fill_keys(points, ALONE))
 

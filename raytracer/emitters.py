@@ -7,7 +7,8 @@ Imports `lecture`, `frames`, `light_shapes`, `surface`, `accelerate.geometry`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,11 +24,21 @@ from raytracer.light_shapes import (
     sample_sphere_directions,
     sphere_density,
 )
-from raytracer.rays import Floats, Integers, Surface
-from raytracer.surface import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate
+from raytracer.rays import Floats, Hits, Integers, Rays, Surface
+from raytracer.surface import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate, make_surface
 
 # Emitters seen closer to edge-on than this light nothing that a float64 could tell from 0; keeps their distance finite.
 SMALLEST_COSINE = 2.0**-26
+
+# Points at which a radiance that varies is looked at before the render, to share out the samples of lights.
+ESTIMATE_POINTS = 256
+# What seems dark at all of them keeps this share of the brightest.
+LEAST_SHARE = 2.0**-6
+# Even steps through three dimensions: powers of the inverse of the real root of x^4 = x + 1 (M. Roberts, "The
+# Unreasonable Effectiveness of Quasirandom Sequences", 2018).
+GOLDEN_STEPS = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+
+RadianceAt = Callable[[Surface], Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +49,9 @@ class Emitters:
     cumulative : (k,) float64, running sum of the shares of power, ending at 1
     power_density : (materials,) float64, the material's mean radiance times pi over the total power: the share of a
         primitive of area A is A times this
-    radiance : (materials, 3) float64
+    radiance : (materials, 3) float64, 1 for those that programs compute
+    varies : (materials,) bool, True for those, or None where all are constant
+    find_radiance : (n, 3) radiance at points of a surface; asked for materials that vary
     """
 
     tables: SurfaceTables
@@ -47,6 +60,8 @@ class Emitters:
     cumulative: Floats
     power_density: Floats
     radiance: Floats
+    varies: NDArray[np.bool_] | None = None
+    find_radiance: RadianceAt | None = None
 
     @property
     def is_empty(self) -> bool:
@@ -59,14 +74,24 @@ class Emitters:
         return bool((self.instance >= self.tables.instance_count).any())
 
 
-def make_emitters(tables: SurfaceTables, radiance: Floats) -> Emitters:
-    """Collect the primitives whose material has radiance (materials, 3) above 0."""
+def make_emitters(tables: SurfaceTables, radiance: Floats, find_radiance: RadianceAt | None = None) -> Emitters:
+    """Collect the primitives whose material has radiance (materials, 3) above 0, or NaN: `find_radiance` tells."""
+    varies = np.isnan(radiance).any(axis=1)
+    radiance = np.where(varies[:, np.newaxis], 1.0, radiance)
+    emitters = _collect(tables, radiance, radiance.mean(axis=1))
+    if find_radiance is None or not varies.any():
+        return emitters
+    mean = _estimate_means(emitters, varies, find_radiance)
+    return replace(_collect(tables, radiance, mean), varies=varies, find_radiance=find_radiance)
+
+
+def _collect(tables: SurfaceTables, radiance: Floats, mean: Floats) -> Emitters:
+    """Return the primitives that shine; mean : (materials,), by which they are picked."""
     found = [_find_emissive(tables, record, radiance) for record in range(len(tables.material_first))]
     instance = np.concatenate(
         [np.zeros(0, np.int32), *(np.full(len(rows), k, np.int32) for k, rows in enumerate(found))]
     )
     primitive = np.concatenate([np.zeros(0, np.int32), *found])
-    mean = radiance.mean(axis=1)
     power = _areas(tables, instance, primitive) * mean[_materials(tables, instance, primitive)]
     total = power.sum()
     shining = power > 0  # a triangle without area cannot be picked
@@ -78,6 +103,56 @@ def make_emitters(tables: SurfaceTables, radiance: Floats) -> Emitters:
         power_density=mean / total if total > 0 else np.zeros_like(mean),
         radiance=radiance,
     )
+
+
+def _estimate_means(emitters: Emitters, varies: NDArray[np.bool_], find_radiance: RadianceAt) -> Floats:
+    """Return about the mean radiance of each material (materials,): of those that vary from ESTIMATE_POINTS of their
+    points; never 0, for they may shine elsewhere."""
+    mean = emitters.radiance.mean(axis=1)
+    material = _materials(emitters.tables, emitters.instance, emitters.primitive)
+    numbers = (np.arange(ESTIMATE_POINTS)[:, np.newaxis] + 0.5) * GOLDEN_STEPS % 1.0
+    for number in np.flatnonzero(varies):
+        rows = np.flatnonzero(material == number)
+        if not len(rows):
+            continue
+        picked = rows[(numbers[:, 2] * len(rows)).astype(np.int64)]
+        surface = _place_surface(emitters, picked, numbers[:, :2], None, None)
+        mean[number] = find_radiance(surface).mean()
+    return np.maximum(mean, LEAST_SHARE * max(mean.max(initial=0.0), np.finfo(np.float64).tiny))
+
+
+def _place_surface(
+    emitters: Emitters, picked: NDArray[np.intp], pair: Floats, rays: Rays | None, distance: Floats | None
+) -> Surface:
+    """Return the surface at points of primitives, as rays see it that end there; None: seen from straight above, where
+    a sphere is met at one point."""
+    instance, primitive = emitters.instance[picked], emitters.primitive[picked]
+    root = np.sqrt(pair[:, 0])
+    weights = np.stack([root * (1.0 - pair[:, 1]), root * pair[:, 1]], axis=1)
+    count = len(picked)
+    if rays is None:
+        down = np.tile((0.0, 0.0, -1.0), (count, 1))
+        rays, distance = Rays(-down, down, np.zeros(count), np.full(count, np.inf)), np.zeros(count)
+    assert distance is not None
+    hits = Hits(distance, np.zeros(count), instance, primitive, weights, np.ones(count, dtype=np.bool_))
+    return make_surface(emitters.tables, rays, hits)
+
+
+def vary_radiance(
+    emitters: Emitters, picked: NDArray[np.intp], pair: Floats, surface: Surface, light: LightSamples
+) -> None:
+    """Multiply the weight of samples (n,) of emitters `picked` by what programs let them shine with, towards the points
+    of `surface`; pair : the uniform numbers (n, 2) of the place."""
+    if emitters.varies is None or emitters.find_radiance is None:
+        return
+    material = _materials(emitters.tables, emitters.instance[picked], emitters.primitive[picked])
+    rows = np.flatnonzero(emitters.varies[material] & (light.density > 0))
+    if not len(rows):
+        return
+    count = len(rows)
+    rays = Rays(surface.position[rows], light.direction[rows], np.zeros(count), np.full(count, np.inf))
+    shining = _place_surface(emitters, picked[rows], pair[rows], rays, light.distance[rows])
+    light.weight[rows] *= emitters.find_radiance(shining)
 
 
 def _find_emissive(tables: SurfaceTables, record: int, radiance: Floats) -> Integers:
@@ -114,11 +189,18 @@ def sample_emitters(emitters: Emitters, surface: Surface, choice: Floats, pair: 
     choice, pair : (n,), (n, 2) uniform numbers
     """
     picked = pick_emitters(emitters, choice)
+    samples = _aim_at_picked(emitters, surface, picked, pair)
+    vary_radiance(emitters, picked, pair, surface, samples)
+    return samples
+
+
+def _aim_at_picked(emitters: Emitters, surface: Surface, picked: NDArray[np.intp], pair: Floats) -> LightSamples:
+    """Sample directions to emitters `picked` (n,) as if those that vary had radiance 1."""
     spheres = np.flatnonzero(emitters.instance[picked] >= emitters.tables.instance_count)
     if not len(spheres):
         return aim_at_triangles(place_on_triangles(emitters, picked, pair), surface)
     samples = LightSamples(
-        *(np.zeros(shape) for shape in ((len(choice), 3), len(choice), (len(choice), 3), len(choice)))
+        *(np.zeros(shape) for shape in ((len(picked), 3), len(picked), (len(picked), 3), len(picked)))
     )
     flat = np.flatnonzero(emitters.instance[picked] < emitters.tables.instance_count)
     for rows, part in (

@@ -9,6 +9,7 @@ shadow rays. No diffuse reflection is followed. `prepare` composes once, from th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from raytracer.emitters import Emitters, emitter_density, make_emitters
 from raytracer.features import derive_features
 from raytracer.lecture import length
 from raytracer.lights import evaluate_light, has_extent
-from raytracer.materials import MaterialTable, make_material_table, make_shading
+from raytracer.materials import MaterialTable, find_radiance, make_material_table, make_shading
 from raytracer.paths import Paths, Record, advance, join_paths, start_paths, start_record
 from raytracer.rays import Booleans, Floats, Hits, Rays, Surface
 from raytracer.sampling import PixelSamples, SharedSamples, share_samples
@@ -104,7 +105,9 @@ def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, 
     )
     sites = make_site_tables(scene, tables, list_scene_attributes(scene), frame) if features.programs else None
     materials = make_material_table(scene, sites)
-    emitters = make_emitters(tables, materials.radiance) if features.emission and needs_light else None
+    emitters = None
+    if features.emission and needs_light:
+        emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials))
     background = scene.world.color if features.world and needs_light and scene.world is not None else None
     lamps = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     sources = [lamp_source(light, weigh=features.rough) for light in lamps]
@@ -168,7 +171,8 @@ def trace(integrator: Integrator, rays: Rays, samples: PixelSamples) -> dict[str
         dimension += integrator.dimensions
         shared = None  # only what the camera sees straight shares points of lights
     finish_alpha(integrator, record)
-    finish_shadow(record)
+    if record.unshadowed is not None:
+        record.passes["Shadow"] = divide_shadow(record.passes["Shadow"], record.unshadowed)
     return record.passes
 
 
@@ -353,13 +357,9 @@ def add_direct_light(integrator: Integrator, record: Record, aimed: list[ShadowR
             record.unshadowed[rays.row] += rays.light
 
 
-def finish_shadow(record: Record) -> None:
+def divide_shadow(arriving: Floats, unshadowed: Floats) -> Floats:
     """The Shadow pass: the share of the direct light that reaches the first surface; where none could, nothing does."""
-    if record.unshadowed is not None:
-        arriving = record.passes["Shadow"]
-        record.passes["Shadow"] = np.divide(
-            arriving, record.unshadowed, out=np.zeros_like(arriving), where=record.unshadowed > 0
-        )
+    return np.divide(arriving, unshadowed, out=np.zeros_like(arriving), where=unshadowed > 0)
 
 
 def pass_straight(

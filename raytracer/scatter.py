@@ -24,6 +24,10 @@ from raytracer.microfacet import Microfacets, evaluate_microfacets, sample_micro
 from raytracer.rays import Booleans, Floats
 
 
+# The reciprocals of squared cosines stay finite, and so do their products.
+SMALLEST_SQUARE = 2.0**-500
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Continuation:
     """The way on from n points.
@@ -85,21 +89,27 @@ def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples) 
 
 
 def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats) -> Floats:
-    """Return f |cos| (m, 3) of Lambertian parts with normals of their own, for light from `incoming` (m, 3).
+    """Return f |cos| (m, 3) of Lambertian parts with normals b of their own, for light from `incoming` i (m, 3).
 
-    Where the surface with its own `normal` (m, 3) turns from the light earlier than the bent one, light fades out: with
-    g = (n . i) / ((b . i) (b . n)), the factor g + g^2 - g^3 up to 1, as in Cycles (bump_shadowing_term).
+    Light from behind the surface's own `normal` n (m, 3) is cut; before that it fades out as if the bumps were facets
+    that shadow each other: by 2 / (1 + sqrt(1 + a^2 tan^2(n, i))) with a^2 = tan^2(n, b) / 8, at most 1.
 
     References
     ----------
-    M. J.-Y. Chiang, Y. K. Li, B. Burley, "Taming the Shadow Terminator", SIGGRAPH Talks 2019.
+    A. Conty Estevez, P. Lecocq, C. Stein, "A Microfacet-Based Shadowing Function to Solve the Bump Terminator
+    Problem", Ray Tracing Gems, 2019; Cycles' bump_shadowing_term since Blender 5.0 (before, another fading).
     """
     cosine = np.maximum(dot(part.normal, incoming), 0.0)
-    scale = cosine * dot(normal, part.normal)
-    ratio = np.divide(dot(normal, incoming), scale, out=np.zeros_like(cosine), where=scale != 0)
-    ratio = np.clip(ratio, 0.0, 1.0)
-    fading = np.where((normal == part.normal).all(axis=1), 1.0, ratio + ratio**2 - ratio**3)
-    return part.albedo * (fading * cosine / np.pi)[:, np.newaxis]
+    across, bend = dot(normal, incoming), dot(normal, part.normal)
+    roughness = np.minimum(_squared_tangent(bend) / 8.0, 1.0)
+    fading = 2.0 / (1.0 + np.sqrt(1.0 + roughness * _squared_tangent(across)))
+    return part.albedo * (np.where(across * bend > 0, fading, 0.0) * cosine / np.pi)[:, np.newaxis]
+
+
+def _squared_tangent(cosine: Floats) -> Floats:
+    """tan^2 of angles, from their cosines (m,); a huge number at a right angle."""
+    square = np.clip(cosine * cosine, SMALLEST_SQUARE, 1.0)
+    return (1.0 - square) / square
 
 
 def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Microfacets:

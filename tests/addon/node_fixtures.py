@@ -111,7 +111,7 @@ def render_centres(width: int, height: int) -> tuple[NDArray[np.float64], tuple[
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = width, height, 100
     extraction = extract_scene(bpy.context.evaluated_depsgraph_get())
     caster = raytracer.build(extraction.scene)
-    integrator = prepare(extraction.scene, caster, raytracer.Settings(), (width, height))
+    integrator = prepare(extraction.scene, caster, raytracer.Settings(max_bounces=0), (width, height))
     y, x = np.divmod(np.arange(width * height), width)
     samples = PixelSamples(np.arange(width * height, dtype=np.uint32), 0, 0)
     x, y = x + 0.5 + CYCLES_OFFSET, height - y - 0.5 + CYCLES_OFFSET
