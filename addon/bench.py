@@ -12,7 +12,8 @@ from importlib import import_module
 from .command_line import CommandError
 from .render_command import parse_positive
 
-SECTIONS = ("accuracy", "spheres", "cost", "speed")
+PICTURES = ("convergence", "equal_error", "ablation", "memory", "workers")
+SECTIONS = ("accuracy", "spheres", "cost", "speed", *PICTURES)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="timed casts of which the median counts; default 3",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers; default 0")
-    parser.add_argument("--large", action="store_true", help="speed on a million triangles, too")
+    parser.add_argument(
+        "--large", action="store_true", help="speed on a million triangles and equal error on every scene, too"
+    )
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
 
 

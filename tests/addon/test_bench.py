@@ -13,11 +13,22 @@ from typing import Any
 import numpy as np
 import pytest
 
+import raytracer
 from addon.bench import SECTIONS
 from addon.command_line import CommandError, build_parser
 from raytracer import lecture
 from tests import meshes
-from tests.benchmarks import peers_formulas, ray_sets, speed, speed_scenes, tables, timing
+from tests.benchmarks import (
+    ablation,
+    equal_error,
+    peers_formulas,
+    pictures,
+    ray_sets,
+    speed,
+    speed_scenes,
+    tables,
+    timing,
+)
 from tests.benchmarks.accuracy import Effort, compare_peers, measure_spheres
 from tests.benchmarks.peers import Answer, Built, Peer, ask, find_loaders, load_peers
 from tests.benchmarks.peers_ours import CERTIFIED, FLOAT64
@@ -318,6 +329,37 @@ def test_command_knows_its_sections(capsys: pytest.CaptureFixture[str]) -> None:
     assert "bench" in capsys.readouterr().err
 
 
+def test_noise_is_told_from_independent_pictures() -> None:
+    rng = np.random.default_rng(0)
+    noisy = 2.0 + 0.1 * rng.normal(size=(2, 200, 200, 3))
+    # A variance of 2 pictures of 120,000 values each is known to sqrt(2 / 120,000).
+    assert pictures.measure_noise(noisy) == pytest.approx(0.05, rel=5 * np.sqrt(2 / 120_000))
+
+
+def test_equal_error_solves_the_fits() -> None:
+    samples = np.array([2, 8, 32])
+    assert pictures.fit_power(samples, 0.3 * samples**-0.7) == pytest.approx((0.3, 0.7))
+    assert pictures.fit_line(samples, 0.5 + 0.2 * samples) == pytest.approx((0.5, 0.2))
+    ours = {"c": 0.1, "p": 0.5, "a": 1.0, "b": 0.1, "a_fresh": 2.0}
+    cycles = {"c": 0.1, "p": 1.0, "a": 0.0, "b": 0.5, "a_fresh": 1.0}
+    row = equal_error.compare_times({"raytracer": ours, "Cycles": cycles}, {"raytracer": 5.1, "Cycles": 2.0}, 0.01)
+    assert row["raytracer"]["samples"] == pytest.approx(100)
+    assert row["Cycles"]["samples"] == pytest.approx(10)
+    assert row["ratios"] == pytest.approx({"persistent": 5 / 11, "render": 6 / 12, "process": 6.5 / 15})
+
+
+@pytest.mark.parametrize("feature", ablation.FEATURES)
+def test_an_absent_feature_is_never_called(monkeypatch: pytest.MonkeyPatch, feature: str) -> None:
+    monkeypatch.setattr(ablation, "WIDTH", 160)
+    monkeypatch.setattr(ablation, "HEIGHT", 120)
+    make, settings, stage = ablation.FEATURES[feature]
+    for scene, present in ((ablation.make_scene(), False), (make(), True)):
+        caster = raytracer.build(scene)
+        chosen = settings if present else {}
+        calls = ablation.count_calls(lambda s=scene, c=caster, k=chosen: ablation.render(s, c, k), stage)
+        assert (calls > 0) == present
+
+
 def test_report_writes_tables_and_plots(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="the plots need matplotlib (the extra `report`)")
     from tests.benchmarks.report import write_report
@@ -327,8 +369,18 @@ def test_report_writes_tables_and_plots(tmp_path: Path) -> None:
     row = {"scene": "box", "triangles": 12, "peer": CERTIFIED}
     numbers["speed"] = [row | {"family": "camera", "rays": 9, "mrays_per_second": 1.5}]
     numbers["builds"] = [row | {"seconds": 0.25}]
+    fit = {"samples": 9.0, "persistent": 2.0}
+    ratios = {"persistent": 0.5, "render": 0.5, "process": 0.4}
+    numbers["equal_error"] = [
+        {"scene": "box", "target": 0.01, "raytracer": fit, "Cycles": fit, "ratios": ratios},
+    ]
+    numbers["convergence"] = [
+        {"scene": "box", "sampling": "random", "samples": 4, "error": 0.1, "slope": -0.5},
+    ]
     written = write_report(numbers, tmp_path / "report")
     names = ["error_against_time.png", "failures.png", "accuracy.md", "speed.png", "speed.md"]
+    names += ["convergence.png", "equal_error.png", "pictures.md"]
     assert [path.name for path in written] == names
     assert all(path.stat().st_size > 0 for path in written)
+    assert "| box | 1.0% | 0.50 | 0.50 | 0.40 |" in (tmp_path / "report" / "pictures.md").read_text()
     assert "| box, camera | 1.5 |" in (tmp_path / "report" / "speed.md").read_text()

@@ -105,3 +105,39 @@ def plot_speed(numbers, path, caption):
         axes.set_ylabel("million rays per second")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
     save(figure, path, caption)
+
+
+def plot_convergence(numbers, path, caption):
+    """Error against samples for every way of sampling, both logarithmic; one panel for each scene."""
+    rows = numbers["convergence"]
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    for axes, scene in zip(figure.subplots(1, len(scenes), squeeze=False)[0], scenes, strict=True):
+        own = [row for row in rows if row["scene"] == scene]
+        for sampling in dict.fromkeys(row["sampling"] for row in own):
+            curve = [row for row in own if row["sampling"] == sampling]
+            label = f"{sampling}, slope {curve[0]['slope']:.2f}"
+            axes.plot([row["samples"] for row in curve], [row["error"] for row in curve], marker="o", label=label)
+        axes.set(title=scene, xscale="log", yscale="log", xlabel="samples", ylabel="noise / mean level")
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    save(figure, path, caption)
+
+
+def plot_equal_error(numbers, path, caption):
+    """Cycles' time over ours at equal error, one bar for each scene and target; 1 = equal."""
+    rows = numbers["equal_error"]
+    scenes, targets = (list(dict.fromkeys(row[key] for row in rows)) for key in ("scene", "target"))
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    axes = figure.subplots()
+    width = 0.8 / len(targets)
+    for k, target in enumerate(targets):
+        own = {row["scene"]: row["ratios"]["persistent"] for row in rows if row["target"] == target}
+        places = [scenes.index(scene) + (k - (len(targets) - 1) / 2) * width for scene in own]
+        axes.bar(places, list(own.values()), width, label=f"error {target:.1%}")
+    axes.axhline(1.0, color="0.3", linewidth=1)
+    axes.set(yscale="log", ylabel="Cycles' time / ours")
+    axes.set_xticks(range(len(scenes)), [scene.replace("_", "\n") for scene in scenes], fontsize=8)
+    axes.grid(axis="y", alpha=0.3)
+    axes.legend()
+    save(figure, path, caption)

@@ -8,7 +8,10 @@ import sys
 
 from tqdm import tqdm
 
+from tests.benchmarks.ablation import measure_ablation, measure_memory, measure_workers
 from tests.benchmarks.accuracy import Effort, measure_accuracy, measure_spheres
+from tests.benchmarks.convergence import measure_convergence
+from tests.benchmarks.equal_error import measure_equal_error
 from tests.benchmarks.peers import find_loaders, load_peers
 from tests.benchmarks.speed import measure_cost, measure_speed
 from tests.benchmarks.tables import write_tables
@@ -27,7 +30,7 @@ def measure_sections(arguments, loaders=None, progress=show_progress):
     """Return all numbers as one JSON object.
 
     Keys: machine, settings, versions (peer -> version), skipped (peer or scene -> reason), and per section a list of
-    rows: accuracy, spheres, cost, speed, builds (with speed).
+    rows: accuracy, spheres, cost, speed, builds (with speed), convergence, equal_error, ablation, memory, workers.
     """
     for variable in THREAD_VARIABLES:
         os.environ[variable] = "1"
@@ -45,6 +48,14 @@ def measure_sections(arguments, loaders=None, progress=show_progress):
     if "speed" in arguments.sections:
         numbers["speed"], numbers["builds"], scenes = measure_speed(peers, effort, arguments.large, progress)
         skipped |= scenes
+    pictures = {
+        "convergence": lambda: measure_convergence(progress),
+        "equal_error": lambda: measure_equal_error(arguments.large, progress),
+        "ablation": lambda: measure_ablation(arguments.rounds, progress),
+        "memory": lambda: measure_memory(progress),
+        "workers": lambda: measure_workers(arguments.rounds, progress),
+    }
+    numbers |= {name: measure() for name, measure in pictures.items() if name in arguments.sections}
     return numbers
 
 

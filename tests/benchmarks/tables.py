@@ -15,7 +15,9 @@ COUNTS = ("false_misses", "false_hits", "wrong_primitives")
 
 def write_tables(numbers):
     """Return all tables that there are numbers for."""
-    return "\n".join([*describe_run(numbers), *write_accuracy(numbers), *write_speed(numbers)])
+    return "\n".join(
+        [*describe_run(numbers), *write_accuracy(numbers), *write_speed(numbers), *write_pictures(numbers)]
+    )
 
 
 def describe_run(numbers):
@@ -57,6 +59,16 @@ def write_speed(numbers):
     return [*lines, "## Seconds from arrays to the first answer", "", *pivot(builds, lambda r: show(r["seconds"])), ""]
 
 
+def write_pictures(numbers):
+    """Return the lines of the sections that render pictures."""
+    lines = []
+    for section, title, header, cells in PICTURE_TABLES:
+        rows = numbers.get(section)
+        if rows:
+            lines += [f"## {title}", "", *make_table(header, [cells(row) for row in rows]), ""]
+    return lines
+
+
 # Cells --------------------------------------------------------------------------------------------------------------
 
 
@@ -94,6 +106,43 @@ SUMMARY = (
     "dt median, ulps", "dt p99, worst set", "dt max", "bounds broken", "bound p99", "to integers", "ns / ray",
 )  # fmt: skip
 COST = ("scene", "family", "rays", "certified ns", "float64 ns", "ratio", "promised", "to integers")
+PICTURE_TABLES = (
+    (
+        "equal_error", "Cycles' time over ours at equal error",
+        ("scene", "error", "persistent", "render call", "process", "our samples", "seconds", "Cycles'", "seconds"),
+        lambda row: [
+            row["scene"], f"{row['target']:.1%}",
+            *(f"{row['ratios'][kind]:.2f}" for kind in ("persistent", "render", "process")),
+            show(row["raytracer"]["samples"]), show(row["raytracer"]["persistent"]),
+            show(row["Cycles"]["samples"]), show(row["Cycles"]["persistent"]),
+        ],
+    ),
+    (
+        "convergence", "Error against samples",
+        ("scene", "sampling", "samples", "error", "slope"),
+        lambda row: [row["scene"], row["sampling"], str(row["samples"]), show(row["error"]), f"{row['slope']:.2f}"],
+    ),
+    (
+        "ablation", "What features cost, nanoseconds a camera ray",
+        ("feature", "stage", "without", "with", "calls without", "calls with"),
+        lambda row: [
+            row["feature"], row["stage"], show(row["ns_without"]), show(row["ns_with"]),
+            str(row["calls_without"]), str(row["calls_with"]),
+        ],
+    ),
+    (
+        "memory", "Peak of the resident memory, MB",
+        ("task", "at the start", "peak", "over the start"),
+        lambda row: [
+            row["task"], show(row["start_mb"]), show(row["peak_mb"]), show(row["peak_mb"] - row["start_mb"]),
+        ],
+    ),
+    (
+        "workers", "Workers, seconds by the clock",
+        ("samples", "one", "two", "ratio"),
+        lambda row: [str(row["samples"]), show(row["one"]), show(row["two"]), f"{row['ratio']:.2f}"],
+    ),
+)  # fmt: skip
 RATIOS = ("scene", "family", "over Embree", "over BVHTree", "over Scene.ray_cast", "over float64")
 
 

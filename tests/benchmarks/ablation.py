@@ -1,0 +1,198 @@
+"""What each feature costs where a scene has it, and that it costs nothing where it has not: calls of its stage.
+
+A floor with boxes under a point lamp is the plain scene; every row adds one feature to it. Memory and workers, too:
+what a render takes of the machine.
+"""
+
+from __future__ import annotations
+
+import cProfile
+import json
+import pstats
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+import raytracer
+from tests.benchmarks.timing import take_turns
+
+ROOT = Path(__file__).resolve().parents[2]
+WIDTH, HEIGHT, SAMPLES = 240, 160, 1
+GRID = 24  # boxes along each side of the plain scene
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
+FACES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+CAMERA = raytracer.Camera(np.array([[1, 0, 0, 0], [0, 0.5, -0.866, -14], [0, 0.866, 0.5, 9], [0, 0, 0, 1]], float))
+GREY = raytracer.Closure("diffuse", color=0.6)
+LAMP = {"position": (3.0, -4.0, 9.0), "power": 900.0}
+
+
+def make_scene(closure=GREY, normals=False, lamp=None, spheres=False, **fields):
+    """Return the plain scene, or one with a feature."""
+    rng = np.random.default_rng(0)
+    places = (np.indices((GRID, GRID)).reshape(2, -1).T - GRID / 2) * 0.6
+    size = np.column_stack([np.full((len(places), 2), 0.4), rng.uniform(0.2, 1.5, len(places))])
+    positions = (np.column_stack([places, np.zeros(len(places))])[:, None] + CORNERS * size[:, None]).reshape(-1, 3)
+    triangles = (FACES + 8 * np.arange(len(places))[:, None, None]).reshape(-1, 3)
+    corner_normals = np.tile((CORNERS - 0.5) / np.sqrt(0.75), (len(places), 1)) if normals else None
+    boxes = raytracer.Mesh(positions, triangles, normals=corner_normals)
+    floor = raytracer.Mesh([[-20, -20, 0], [20, -20, 0], [20, 20, 0], [-20, 20, 0]], [[0, 1, 2], [0, 2, 3]])
+    balls = [raytracer.Spheres(rng.uniform((-6, -6, 1.5), (6, 6, 3), (40, 3)), np.full(40, 0.3))] if spheres else []
+    return raytracer.Scene(
+        meshes=[floor, boxes],
+        spheres=balls,
+        materials=[raytracer.Material((closure,))],
+        lights=[lamp or raytracer.PointLight(**LAMP)],
+        camera=CAMERA,
+        **fields,
+    )
+
+
+# Feature: (the scene with it, settings, module and function of its stage).
+FEATURES = {
+    "soft light": (
+        lambda: make_scene(lamp=raytracer.AreaLight((3, -4, 9), (3, 0, 0), (0, 3, 0), 900.0)),
+        {},
+        ("shared_lights.py", "sample_shared"),
+    ),
+    "world": (lambda: make_scene(world=raytracer.World(0.3)), {}, ("direct_light.py", "world_density")),
+    "mirror": (lambda: make_scene(raytracer.Closure("glossy")), {}, ("scatter.py", "sample_continuation")),
+    "rough reflection": (
+        lambda: make_scene(raytracer.Closure("glossy", roughness=0.3)),
+        {},
+        ("microfacet.py", "sample_visible_normals"),
+    ),
+    "transparency": (
+        lambda: make_scene(raytracer.Closure("principled", alpha=0.7, roughness=1.0)),
+        {},
+        ("direct_light.py", "_see_through"),
+    ),
+    "emission": (
+        lambda: make_scene(raytracer.Closure("emission", color=0.5)),
+        {},
+        ("emitters.py", "emitter_density"),
+    ),
+    "smooth normals": (lambda: make_scene(normals=True), {}, ("surface.py", "gather_corners")),
+    "spheres": (lambda: make_scene(spheres=True), {}, ("surface.py", "_sphere_points")),
+    "passes from the centre": (
+        make_scene,
+        {"passes": ("Combined", "Depth", "Position", "Object Index")},
+        ("film.py", "set_centre"),
+    ),
+    "passes of every sample": (
+        make_scene,
+        {"passes": ("Combined", "Normal", "Diffuse Color", "Shadow")},
+        ("integrate.py", "divide_shadow"),
+    ),
+}
+
+
+def measure_ablation(rounds, progress):
+    """Return a row for every feature: nanoseconds a camera ray without and with it, calls of its stage in both."""
+    rows = []
+    for name, (make, settings, stage) in progress(FEATURES.items(), "ablation"):
+        plain, scene = make_scene(), make()
+        casters = {False: raytracer.build(plain), True: raytracer.build(scene)}
+        renders = {
+            False: lambda plain=plain, casters=casters: render(plain, casters[False], {}),
+            True: lambda scene=scene, casters=casters, settings=settings: render(scene, casters[True], settings),
+        }
+        seconds = take_turns(renders, rounds)
+        calls = {present: count_calls(function, stage) for present, function in renders.items()}
+        rays = WIDTH * HEIGHT * SAMPLES
+        rows.append(
+            {
+                "feature": name,
+                "stage": f"{Path(stage[0]).stem}.{stage[1]}",
+                "ns_without": seconds[False] / rays * 1e9,
+                "ns_with": seconds[True] / rays * 1e9,
+                "calls_without": calls[False],
+                "calls_with": calls[True],
+            }
+        )
+    return rows
+
+
+def render(scene, caster, settings):
+    """Render one small picture."""
+    return raytracer.render(scene, WIDTH, HEIGHT, SAMPLES, caster=caster, **settings)
+
+
+def count_calls(function, stage):
+    """Return how often a function (module file, name) is called while `function` runs."""
+    profile = cProfile.Profile()
+    profile.runcall(function)
+    statistics = pstats.Stats(profile).stats
+    return sum(values[1] for (path, _, name), values in statistics.items() if (Path(path).name, name) == stage)
+
+
+# Memory --------------------------------------------------------------------------------------------------------------
+
+MEMORY_SCRIPT = """
+import json, resource, sys
+import numpy as np
+import raytracer
+from tests.benchmarks.ablation import make_million, make_scene
+def peak():
+    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return size / (2**20 if sys.platform == "darwin" else 2**10)
+start = peak()
+if sys.argv[1] == "build":
+    scene = make_million()
+    before = peak()
+    raytracer.build(scene)
+    print(json.dumps({"start_mb": before, "peak_mb": peak()}))
+else:
+    scene = make_scene(world=raytracer.World(0.3))
+    raytracer.render(scene, 4096, 4096, 1)["Combined"]
+    print(json.dumps({"start_mb": start, "peak_mb": peak()}))
+"""
+
+
+def make_million():
+    """Return a scene of one wavy grid of a million triangles."""
+    count = 708
+    x, y = np.meshgrid(np.linspace(-1, 1, count), np.linspace(-1, 1, count), indexing="ij")
+    positions = np.stack([x, y, 0.1 * np.sin(9 * x) * np.cos(7 * y)], axis=-1).reshape(-1, 3)
+    first = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).reshape(-1)
+    quads = np.stack([first, first + count, first + count + 1, first + 1], axis=1).astype(np.int32)
+    return raytracer.Scene(meshes=[raytracer.Mesh(positions, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]))])
+
+
+def measure_memory(progress):
+    """Return rows: peak of the resident memory, MB, of a process that builds, and of one that renders."""
+    tasks = {"build": "building a million triangles", "render": "rendering 4096 x 4096, one sample"}
+    rows = []
+    for task, label in progress(tasks.items(), "memory"):
+        command = [sys.executable, "-c", MEMORY_SCRIPT, task]
+        done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+        rows.append({"task": label, **json.loads(done.stdout)})
+    return rows
+
+
+# Workers -------------------------------------------------------------------------------------------------------------
+
+
+def measure_workers(rounds, progress):
+    """Return rows: seconds by the clock with one and with two workers that are running already, best of `rounds`."""
+    scene = make_scene(raytracer.Closure("principled", roughness=0.4), world=raytracer.World(0.3))
+    caster = raytracer.build(scene)
+    rows = []
+    with raytracer.Workers(2) as workers:
+        for samples in progress((2, 8), "workers"):
+            seconds = {1: [], 2: []}
+            for _ in range(rounds):
+                for count, used in ((1, 1), (2, workers)):
+                    started = time.perf_counter()
+                    raytracer.render(scene, 480, 320, samples, caster=caster, workers=used)
+                    seconds[count].append(time.perf_counter() - started)
+            best = {count: min(values) for count, values in seconds.items()}
+            rows.append({"samples": samples, "one": best[1], "two": best[2], "ratio": best[1] / best[2]})
+    return rows
