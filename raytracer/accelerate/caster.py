@@ -1,14 +1,14 @@
 """The public caster: arrays of rays in, closest hits or occlusion out.
 
-`build` packs a scene's geometry once; a Caster answers any number of batches. How candidates are found (`bvh` and
-`traverse`, or `brute_force` for a handful of primitives) changes no result: decisions are made in `search`.
+`build` packs a scene's geometry once; a Caster answers any number of batches. How candidates are found changes no
+result: by `project` where many rays share a point or a direction, else by `traverse`, by `brute_force` among a handful
+of primitives. Decisions are made in `search`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,8 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from raytracer.accelerate.brute_force import offer_all
 from raytracer.accelerate.crossings import CrossingSearch
 from raytracer.accelerate.geometry import Geometry, pack_geometry
-from raytracer.accelerate.hierarchy import build_hierarchy, choose_flattened
+from raytracer.accelerate.hierarchy import Hierarchy, build_hierarchy, choose_flattened
+from raytracer.accelerate.pencil import Pencil, Rows, find_pencil, make_views
 from raytracer.accelerate.primitives import PRECISIONS, Primitives, make_primitives
+from raytracer.accelerate.project import offer_projected
+from raytracer.accelerate.projection import project
 from raytracer.accelerate.search import Search
 from raytracer.accelerate.traverse import offer_traversed
 from raytracer.checks import require_choice
@@ -26,20 +29,28 @@ from raytracer.scene import Scene
 
 # Rays per batch: their state and the candidates they bring stay within a few tens of megabytes.
 BATCH_RAYS = 1 << 16
+# Rays of a pencil are cast in larger batches where there are more triangles, each of which costs something per batch.
+PENCIL_RAYS = 1 << 18
+# Rays of a call that are looked at together.
+CALL_RAYS = 1 << 20
 # Up to this many primitives, testing all of them is quicker than a tree.
 BRUTE_FORCE_LIMIT = 8
+# With fewer rays than this share of the triangles, and than this many, a tree is quicker than projection.
+PENCIL_SHARE, SMALLEST_PENCIL = 0.25, 4096
 
 
 @dataclass(frozen=True, eq=False)
 class Caster:
     """A scene ready to be cast into.
 
-    offer : the accelerator, a function that offers a Search all candidates its rays can hit
+    offer : the accelerator for any rays, a function that offers a Search all candidates its rays can hit
+    smallest_pencil : least number of rays with a common point or direction that are projected; None: never
     """
 
     scene: Scene
     primitives: Primitives
     offer: Callable[[Search], None]
+    smallest_pencil: int | None = None
 
     @property
     def geometry(self) -> Geometry:
@@ -71,10 +82,9 @@ class Caster:
         the largest float64 has an infinite distance and error.
         """
         rays = make_rays(origins, directions, t_min, t_max)
-        hits = _misses(rays)
-        for index in _batches(hits.valid):
-            search = Search(self.primitives, rays.select(index), any_hit=False)
-            self.offer(search)
+        valid = rays.valid()
+        hits = _misses(valid)
+        for index, search in self._search(rays, valid, any_hit=False):
             found = search.closest()
             for name in Hits.__slots__:
                 getattr(hits, name)[index] = getattr(found, name)
@@ -86,11 +96,52 @@ class Caster:
         """Return (n,) bool: does anything lie on the ray with t_min <= t <= t_max? Parameters as `closest_hit`."""
         rays = make_rays(origins, directions, t_min, t_max)
         found = np.zeros(len(rays), dtype=bool)
-        for index in _batches(rays.valid()):
-            search = Search(self.primitives, rays.select(index), any_hit=True)
-            self.offer(search)
+        for index, search in self._search(rays, rays.valid(), any_hit=True):
             found[index] = search.found_any()
         return found
+
+    def _search(self, rays: Rays, valid: Booleans, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
+        """Yield the finished searches of the valid rays, in batches, with the rays' places."""
+        if not valid.all():
+            place = np.flatnonzero(valid)
+            rays = rays.select(place)
+            for rows, search in self._search(rays, np.ones(len(rays), bool), any_hit):
+                yield place[rows], search
+            return
+        for start in range(0, len(rays), CALL_RAYS):
+            some = rays.select(slice(start, start + CALL_RAYS))
+            pencil = None
+            if self.smallest_pencil is not None and len(some) >= self.smallest_pencil:
+                pencil = find_pencil(some)
+            cast = self._cast_any(some, any_hit) if pencil is None else self._cast_pencil(pencil, some, any_hit)
+            for rows, search in cast:
+                yield (
+                    (slice(start + rows.start, start + rows.stop) if isinstance(rows, slice) else start + rows),
+                    search,
+                )
+
+    def _cast_any(self, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
+        for start in range(0, len(rays), BATCH_RAYS):
+            rows = slice(start, min(start + BATCH_RAYS, len(rays)))
+            search = Search(self.primitives, rays.select(rows), any_hit)
+            self.offer(search)
+            yield rows, search
+
+    def _cast_pencil(self, pencil: Pencil, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
+        size = min(max(BATCH_RAYS, len(self.primitives.corners) // 2), PENCIL_RAYS)
+        for view in make_views(pencil, rays, self._choose_scale(pencil)):
+            projection = project(view, self.primitives)
+            for start in range(0, len(view), size):
+                stop = min(start + size, len(view))
+                rows = view.pick(start, stop)
+                search = Search(self.primitives, rays.select(rows), any_hit)
+                offer_projected(view, projection, search, slice(start, stop))
+                yield rows, search
+
+    def _choose_scale(self, pencil: Pencil) -> float:
+        """A power of two by which the scene and the pencil come to a size of about one."""
+        reach = np.abs(self.primitives.bounds - pencil.centre).max()
+        return float(np.ldexp(1.0, -int(np.frexp(reach)[1])))
 
     def crossings(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.int32]:
         """Return how many triangles each ray crosses, (n,) int32; odd means inside a closed mesh.
@@ -107,7 +158,9 @@ class Caster:
             raise ValueError(f"crossings: precision: expected 'certified', got {self.primitives.precision!r}")
         rays = make_rays(origins, directions)
         count = np.zeros(len(rays), np.int32)
-        for index in _batches(rays.valid()):
+        valid = np.flatnonzero(rays.valid())
+        for start in range(0, len(valid), BATCH_RAYS):
+            index = valid[start : start + BATCH_RAYS]
             search = CrossingSearch(self.primitives, rays.select(index))
             self.offer(search)
             count[index] = search.counts()
@@ -129,23 +182,33 @@ def build(scene: Scene, precision: str = "certified") -> Caster:
     primitives = make_primitives(geometry, precision, choose_flattened(geometry))
     if geometry.first_id[-1] <= BRUTE_FORCE_LIMIT:
         return Caster(scene, primitives, offer_all)
-    return Caster(scene, primitives, partial(offer_traversed, build_hierarchy(primitives)))
+    smallest_pencil = None
+    if primitives.flattened.all():
+        smallest_pencil = max(SMALLEST_PENCIL, int(PENCIL_SHARE * len(primitives.corners)))
+    return Caster(scene, primitives, TreeOffer(primitives), smallest_pencil)
 
 
-def _batches(valid: Booleans) -> Iterator[NDArray[np.intp]]:
-    """Yield the indices of the valid rays, BATCH_RAYS at a time."""
-    index = np.flatnonzero(valid)
-    for start in range(0, len(index), BATCH_RAYS):
-        yield index[start : start + BATCH_RAYS]
+class TreeOffer:
+    """Offers candidates found by a hierarchy, which is built when the first rays ask for it."""
+
+    def __init__(self, primitives: Primitives) -> None:
+        self.primitives = primitives
+        self.hierarchy: Hierarchy | None = None
+
+    def __call__(self, search: Search) -> None:
+        """Offer a search all primitives that its rays may hit."""
+        if self.hierarchy is None:
+            self.hierarchy = build_hierarchy(self.primitives)
+        offer_traversed(self.hierarchy, search)
 
 
-def _misses(rays: Rays) -> Hits:
-    count = len(rays)
+def _misses(valid: Booleans) -> Hits:
+    count = len(valid)
     return Hits(
         distance=np.full(count, np.inf),
         distance_error=np.zeros(count),
         instance=np.full(count, -1, np.int32),
         primitive=np.full(count, -1, np.int32),
         barycentric=np.zeros((count, 2)),
-        valid=rays.valid(),
+        valid=valid,
     )

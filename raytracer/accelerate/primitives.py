@@ -83,6 +83,23 @@ def instance_bounds(geometry: Geometry, instances: NDArray) -> Floats:
     return np.stack([middle - reach, middle + reach], axis=1)
 
 
+def find_rows(primitives: Primitives, primitive_id: Ids) -> Ids:
+    """Return the rows of `corners` that hold triangles of flattened instances."""
+    if primitives.flattened.all():
+        return primitive_id
+    instance, _ = split_id(primitives.geometry, primitive_id)
+    return primitive_id + primitives.row_shift[instance]
+
+
+def name_rows(primitives: Primitives, row: Ids) -> Ids:
+    """Return the primitive ids of rows of `corners`."""
+    if primitives.flattened.all():
+        return row
+    flat = np.flatnonzero(primitives.flattened)
+    first_row = primitives.geometry.first_id[flat] + primitives.row_shift[flat]
+    return row - primitives.row_shift[flat[np.searchsorted(first_row, row, side="right") - 1]]
+
+
 def gather_corners(primitives: Primitives, primitive_id: Ids) -> NDArray:
     """Return the (9, k) planes of world corners of triangle ids."""
     if primitives.flattened.all():

@@ -62,7 +62,6 @@ class Search:
     """The state of a batch of n valid rays.
 
     closed : edges and vertices belong to their triangles
-    ray_rows : (n, 8) origin, direction and slopes of each ray, coordinates turned so that its main axis comes last
     axis : (n,) int8, the main axis: the one along which the direction is largest
     best : (n,) float64; nothing farther than this can be the answer. Starts at t_max; -inf once an any-hit ray is
         decided. Traversal culls with it.
@@ -77,31 +76,11 @@ class Search:
         self.certified = primitives.precision == "certified"
         self.axis = _main_axis(rays.directions)
         self.axes = np.flatnonzero(np.bincount(self.axis, minlength=3)).tolist()
-        self.ray_rows = self._turn_rays().astype(primitives.dtype)
         self.t_min = np.maximum(rays.t_min, 0.0)
         self.best = np.where(self.t_min <= rays.t_max, rays.t_max, -np.inf)
         self.best_id = np.full(len(rays), NO_ID)
         self.pool: list[Candidates] = []
-        self.edge_error = self._bound_edges() if self.certified else np.zeros(len(rays), primitives.dtype)
         self.exact_count = 0
-
-    @np.errstate(over="ignore")
-    def _bound_edges(self) -> Floats:
-        """(n,) one edge-function bound per ray, from the farthest coordinate of any triangle."""
-        low, high = self.primitives.bounds
-        # Three roundings: two differences and the product that absorbs them.
-        origin = self.rays.origins.T
-        away = np.maximum(np.abs(low[:, None] - origin), np.abs(high[:, None] - origin))
-        reach = np.maximum(np.maximum(away[0], away[1]), away[2])
-        return predicates.edge_error_of_ray(self.ray_rows[:, 6:].T, reach * (1 + predicates.gamma(3)))
-
-    def _turn_rays(self) -> Floats:
-        rows = np.empty((len(self.rays), 8))
-        for axis, index in self._by_axis(np.arange(len(self.rays))):
-            rows[index, :3] = self.rays.origins[index][:, TURNS[axis]]
-            rows[index, 3:6] = self.rays.directions[index][:, TURNS[axis]]
-        np.divide(rows[:, 3:5], rows[:, 5:6], out=rows[:, 6:])
-        return rows
 
     def _by_axis(self, ray: Indices) -> Iterator[tuple[int, Any]]:
         """Yield each main axis with the positions of its rays among `ray`."""
@@ -114,9 +93,23 @@ class Search:
             if len(index):
                 yield axis, index
 
-    def _gather_lines(self, ray: Indices) -> NDArray:
-        """The (8, k) planes of rays: turned origin, direction and slopes."""
-        return np.ascontiguousarray(self.ray_rows.take(ray, axis=0).T)
+    def _gather_lines(self, ray: Indices, axis: int) -> NDArray:
+        """The (8, k) planes of rays of one main axis: origin, direction and slopes, turned so that it comes last."""
+        lines = np.empty((8, len(ray)))
+        lines[:3] = self.rays.origins.take(ray, axis=0).T[TURNS[axis]]
+        lines[3:6] = self.rays.directions.take(ray, axis=0).T[TURNS[axis]]
+        np.divide(lines[3:5], lines[5], out=lines[6:])
+        return lines.astype(self.primitives.dtype, copy=False)
+
+    def _bound_edges(self, lines: NDArray, axis: int) -> Floats:
+        """(k,) a bound on edge functions per line, from the farthest coordinate of any triangle; else 0."""
+        if not self.certified:
+            return np.zeros(lines.shape[1], self.primitives.dtype)
+        low, high = self.primitives.bounds[:, TURNS[axis], np.newaxis]
+        away = np.maximum(high - lines[:3], lines[:3] - low)
+        reach = np.maximum(np.maximum(away[0], away[1]), away[2])
+        # Three roundings: two differences and the product that absorbs them.
+        return predicates.edge_error_of_ray(lines[6:], reach * (1 + predicates.gamma(3)))
 
     def _turned_corners(self, primitive_id: Ids, axis: int) -> NDArray:
         """The (3 corners, 3, k) planes of triangles, the main axis last."""
@@ -125,6 +118,10 @@ class Search:
     def _turned_spheres(self, primitive_id: Ids, axis: int) -> tuple[NDArray, NDArray]:
         centre, radius = gather_spheres(self.primitives, primitive_id)
         return centre[TURNS[axis]], radius
+
+    def settle(self, ray: Indices, primitive_id: Ids) -> None:
+        """Take in hits of an any-hit search that are certain already."""
+        self.best[ray], self.best_id[ray] = -np.inf, primitive_id
 
     @np.errstate(over="ignore", invalid="ignore")
     def offer(self, ray: Indices, primitive_id: Ids) -> Indices:
@@ -144,8 +141,8 @@ class Search:
 
     def _offer_triangles(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
         corners = self._turned_corners(primitive_id, axis)
-        lines = self._gather_lines(ray)
-        bound = self.edge_error.take(ray)
+        lines = self._gather_lines(ray, axis)
+        bound = self._bound_edges(lines, axis)
         edges = predicates.edge_functions(*(predicates.shear(corner - lines[:3], lines[6:]) for corner in corners))
         highest = np.maximum(np.maximum(edges[0], edges[1]), edges[2])
         lowest = np.minimum(np.minimum(edges[0], edges[1]), edges[2])
@@ -170,7 +167,7 @@ class Search:
 
     def _offer_spheres(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
         centre, radius = self._turned_spheres(primitive_id, axis)
-        lines = self._gather_lines(ray)
+        lines = self._gather_lines(ray, axis)
         roots = predicates.intersect_sphere_certified(lines[3:6], centre - lines[:3], radius)
         t_min = self.t_min[ray]
         if not self.certified:
@@ -302,7 +299,7 @@ class Search:
         ray, primitive_id = candidates.ray[triangle], candidates.primitive_id[triangle]
         for axis, part in self._by_axis(ray):
             corners = self._turned_corners(primitive_id[part], axis)
-            points[:, triangle[part]] = name_meeting_points(self._gather_lines(ray[part]), corners)
+            points[:, triangle[part]] = name_meeting_points(self._gather_lines(ray[part], axis), corners)
             planes[:, triangle[part]] = name_axis_planes(corners)
         return points, planes
 
@@ -326,7 +323,7 @@ class Search:
         """Fill in the rays' hits: indices, barycentric weights and, where certified, the distance and its bound."""
         hits.instance[ray], hits.primitive[ray] = split_id(self.primitives.geometry, primitive_id)
         for axis, part in self._by_axis(ray):
-            lines = self._gather_lines(ray[part])
+            lines = self._gather_lines(ray[part], axis)
             if not len(self.primitives.geometry.radii):
                 self._measure_triangles(hits, ray[part], lines, primitive_id[part], t[part], axis)
                 continue
@@ -342,7 +339,9 @@ class Search:
         weights = np.stack(edges[1:], axis=1) / (edges[0] + edges[1] + edges[2])[:, None]
         hits.barycentric[ray] = np.clip(np.nan_to_num(weights), 0.0, 1.0)
         if self.certified:
-            hits.distance[ray], hits.distance_error[ray] = refine.triangle_distance(lines[:3], lines[3:6], *corners, t)
+            hits.distance[ray], hits.distance_error[ray] = refine.triangle_distance(
+                lines[:3], lines[3:6], corners[0], corners[1], corners[2], t
+            )
 
     def _measure_spheres(
         self, hits: Hits, ray: Indices, lines: Floats, primitive_id: Ids, t: Floats, axis: int

@@ -175,8 +175,8 @@ def find_surface(scene, caster, rays):
 
 
 def make_shadow_rays(scene, points):
-    """From surface points to the light, which is at t = 1."""
-    return SpeedRays("shadow", points, to_float32(scene.light - points), reach=1.0, any_hit=True)
+    """From surface points to the light, which is at t = 1 (to float64; peers that take float32 miss it a little)."""
+    return SpeedRays("shadow", points, scene.light - points, reach=1.0, any_hit=True)
 
 
 def make_bounce_rays(points, normals, generator):

@@ -1,7 +1,5 @@
 """Every way of finding candidates gives the hits of brute force, bit for bit, and a batch those of its single rays."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,6 @@ from raytracer.accelerate.brute_force import offer_all
 from raytracer.accelerate.caster import Caster
 from raytracer.accelerate.geometry import instance_corners, pack_geometry, world_corners
 from raytracer.accelerate.primitives import instance_bounds, make_primitives
-from raytracer.accelerate.traverse import offer_traversed
 from tests.meshes import make_grid, make_icosphere, make_soup
 
 FIELDS = ("distance", "distance_error", "instance", "primitive", "barycentric", "valid")
@@ -218,7 +215,8 @@ def test_crossings_need_certified_precision():
         raytracer.build(raytracer.Scene(), "float64").crossings([0, 0, 0], [0, 0, 1])
 
 
-def test_traversal_is_what_build_chooses_for_more_than_a_handful():
+def test_tree_is_built_when_the_first_rays_need_it():
     caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(6))]))
-    assert isinstance(caster.offer, partial)
-    assert caster.offer.func is offer_traversed
+    assert caster.offer.hierarchy is None
+    caster.closest_hit((0.1, 0.2, 1.0), (0.0, 0.0, -1.0))
+    assert caster.offer.hierarchy.roots == (0,)

@@ -178,11 +178,12 @@ def test_one_edge_bound_per_ray_holds_for_every_triangle(rng, monkeypatch, axes,
     assert caster.primitives.flattened.all() == (flatten_limit > 0)
     corners = exact_oracle.pack_scene(scene).corners
     search = Search(caster.primitives, make_rays(rng.normal(size=(30, 3)) * 1e-3, rng.normal(size=(30, 3))), False)
-    for ray, row in enumerate(search.ray_rows):
-        relative = corners[:, :, TURNS[search.axis[ray]]] - row[:3]
+    for ray, axis in enumerate(search.axis):
+        line = search._gather_lines(np.array([ray]), axis)
+        relative = corners[:, :, TURNS[axis]] - line[:3, 0]
         a, b = relative[:, 0].T, relative[:, 1].T
-        bound = predicates.edge_error(a, b, row[6:, np.newaxis])
-        assert (bound <= search.edge_error[ray]).all()
+        bound = predicates.edge_error(a, b, line[6:])
+        assert (bound <= search._bound_edges(line, axis)).all()
 
 
 def test_candidates_at_one_distance_stay_until_the_lowest_index_is_chosen():
