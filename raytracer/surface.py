@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate.geometry import Geometry, world_corners
+from raytracer.accelerate.geometry import Geometry, join_id, split_id, world_corners
 from raytracer.frames import normalize
 from raytracer.lecture import cross, dot, length, point_on_line
 from raytracer.rays import Floats, Hits, Integers, Rays, Surface
@@ -37,6 +37,8 @@ INTERPOLATION_ERROR = gamma(7)
 # What a float64 caster rounds when it compares the spawned origin with the primitive it left: T = (a - o) . N over
 # |N|, at most 8 u times a permanent of 6 products, each below |edge| |N| (see `predicates`): in units of the size.
 CASTER_ERROR = gamma(48)
+# Triangles whose corners and normals are worked out once, not at every hit: 7 MB, which gathers from the cache.
+LARGEST_TABLE = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,22 @@ class CornerTable:
 
 
 @dataclass(frozen=True, eq=False)
+class Triangles:
+    """World-space triangles: corners a, b, c and geometric normal, (n, 3) float64; error (n,) float64, metres, bound on
+    the error of a position interpolated between the corners."""
+
+    a: Floats
+    b: Floats
+    c: Floats
+    normal: Floats
+    error: Floats
+
+    def select(self, rows: NDArray[np.int64]) -> Triangles:
+        """Return some of the triangles: index array."""
+        return Triangles(*(values.take(rows, axis=0) for values in (self.a, self.b, self.c, self.normal, self.error)))
+
+
+@dataclass(frozen=True, eq=False)
 class SurfaceTables:
     """What a scene's surfaces are made from, packed once.
 
@@ -64,6 +82,7 @@ class SurfaceTables:
     mirrored : (instances,) bool, True where the matrix turns the winding around
     normals, uvs : CornerTable, or None where no mesh has any, or nothing reads them
     with_barycentric : True where programs of materials read more
+    triangles : of all instances, by primitive id, or None where there are too many
     """
 
     geometry: Geometry
@@ -76,6 +95,7 @@ class SurfaceTables:
     normals: CornerTable | None
     uvs: CornerTable | None
     with_barycentric: bool = False
+    triangles: Triangles | None = None
 
 
 def make_surface_tables(
@@ -89,6 +109,7 @@ def make_surface_tables(
     group_first = _first_entries([len(entries) for entries in group_material]) + sum(map(len, mesh_material))
     records = [*instance_meshes, *scene.spheres]
     normal_from_object = _cofactors(geometry.world_from_object[:, :3, :3])
+    mirrored = dot(geometry.world_from_object[:, 0, :3], normal_from_object[:, 0]) < 0
     return SurfaceTables(
         geometry=geometry,
         instance_count=scene.instance_count,
@@ -96,10 +117,11 @@ def make_surface_tables(
         material_first=np.concatenate([mesh_first[geometry.instance_mesh], group_first]).astype(np.int64),
         material_step=np.array([np.ndim(record.material) for record in records], dtype=np.int64),
         normal_from_object=normal_from_object,
-        mirrored=dot(geometry.world_from_object[:, 0, :3], normal_from_object[:, 0]) < 0,
+        mirrored=mirrored,
         normals=pack_corners(scene, lambda mesh: mesh.normals, 3) if smooth_normals else None,
         uvs=pack_corners(scene, lambda mesh: mesh.uvs, 2) if uvs else None,
         with_barycentric=barycentric,
+        triangles=_measure_all_triangles(geometry, mirrored),
     )
 
 
@@ -144,19 +166,11 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
     Surface of n points. Its geometric normal is the object's normal, turned by the inverse transpose of the instance's
     matrix as in Blender, so that mirroring an instance does not turn its front to its back.
     """
-    count = len(hits)
     is_triangle = hits.instance < tables.instance_count
-    position, normal, shading = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
-    error = np.empty(count)
-    flat, round_ = np.flatnonzero(is_triangle), np.flatnonzero(~is_triangle)
-    if len(flat):
-        instance, primitive, weights = hits.instance[flat], hits.primitive[flat], hits.barycentric[flat]
-        position[flat], error[flat], normal[flat] = _triangle_points(tables, instance, primitive, weights)
-        shading[flat] = _interpolate_normals(tables, instance, primitive, weights, normal[flat])
-    if len(round_):
-        at = point_on_line(rays.origins[round_], rays.directions[round_], hits.distance[round_])
-        position[round_], error[round_], normal[round_] = _sphere_points(tables, hits, round_, at)
-        shading[round_] = normal[round_]
+    if is_triangle.all():
+        position, error, normal, shading = _triangle_surface(tables, hits)
+    else:
+        position, error, normal, shading = _mixed_surface(tables, rays, hits, is_triangle)
     outgoing = -normalize(rays.directions)
     material = tables.material[
         tables.material_first[hits.instance] + tables.material_step[hits.instance] * hits.primitive
@@ -176,20 +190,59 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
     )
 
 
+def _triangle_surface(tables: SurfaceTables, hits: Hits) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return position (n, 3), its error (n,), geometric and shading normal (n, 3) where triangles are hit."""
+    position, error, normal = _triangle_points(tables, hits.instance, hits.primitive, hits.barycentric)
+    shading = _interpolate_normals(tables, hits.instance, hits.primitive, hits.barycentric, normal)
+    return position, error, normal, shading
+
+
+def _mixed_surface(
+    tables: SurfaceTables, rays: Rays, hits: Hits, is_triangle: NDArray[np.bool_]
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return what `_triangle_surface` does where some of the hits, or all, are spheres."""
+    position, normal, shading = (np.empty((len(hits), 3)) for _ in range(3))
+    error = np.empty(len(hits))
+    flat, round_ = np.flatnonzero(is_triangle), np.flatnonzero(~is_triangle)
+    if len(flat):
+        position[flat], error[flat], normal[flat], shading[flat] = _triangle_surface(tables, hits.select(flat))
+    at = point_on_line(rays.origins[round_], rays.directions[round_], hits.distance[round_])
+    position[round_], error[round_], normal[round_] = _sphere_points(tables, hits, round_, at)
+    shading[round_] = normal[round_]
+    return position, error, normal, shading
+
+
 def _triangle_points(
     tables: SurfaceTables, instance: Integers, primitive: Integers, weights: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return position alpha a + beta b + gamma c (n, 3), its error bound (n,) and the geometric normal (n, 3)."""
-    corners = world_corners(tables.geometry, instance, primitive)
-    a, b, c = corners
-    position = interpolate(weights, *corners)
+    if tables.triangles is None:
+        triangles = measure_triangles(tables.geometry, tables.mirrored, instance, primitive)
+    else:
+        triangles = tables.triangles.select(join_id(tables.geometry, instance, primitive))
+    return interpolate(weights, triangles.a, triangles.b, triangles.c), triangles.error, triangles.normal
+
+
+def measure_triangles(
+    geometry: Geometry, mirrored: NDArray[np.bool_], instance: Integers, primitive: Integers
+) -> Triangles:
+    """Return what does not depend on where n triangles are hit."""
+    a, b, c = world_corners(geometry, instance, primitive)
     magnitude = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(c))
     size = 2.0 * np.maximum(np.abs(b - a), np.abs(c - a)).max(axis=1)  # above the length of either edge
     error = INTERPOLATION_ERROR * length(magnitude) + CASTER_ERROR * size
     # Edges are scaled before their product, which would underflow for triangles below 1e-160.
     scale = np.where(size > 0, size, 1.0)[:, np.newaxis]
     normal = normalize(cross((b - a) / scale, (c - a) / scale))
-    return position, error, np.where(tables.mirrored[instance, np.newaxis], -normal, normal)
+    return Triangles(a, b, c, np.where(mirrored[instance, np.newaxis], -normal, normal), error)
+
+
+def _measure_all_triangles(geometry: Geometry, mirrored: NDArray[np.bool_]) -> Triangles | None:
+    """Return the table of a scene's triangles, by primitive id; None where it would be larger than the cache."""
+    count = int(geometry.first_id[len(geometry.instance_mesh)])
+    if count > LARGEST_TABLE:
+        return None
+    return measure_triangles(geometry, mirrored, *split_id(geometry, np.arange(count)))
 
 
 def interpolate(weights: Floats, a: Floats, b: Floats, c: Floats) -> Floats:

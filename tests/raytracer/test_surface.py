@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import raytracer
+import raytracer.surface as surface_module
 from raytracer.accelerate.geometry import pack_geometry, world_corners
 from raytracer.features import derive_features
 from raytracer.lecture import barycentric, dot
@@ -189,3 +190,25 @@ def test_make_surface_normal_of_a_tiny_triangle_does_not_underflow():
     np.testing.assert_array_equal(surface.geometric_normal, [[0, 0, 1]])
     corners = world_corners(pack_geometry(scene), np.zeros(1, np.int32), np.zeros(1, np.int32))
     assert corners[1][0, 0] == 1e-200
+
+
+def test_make_surface_is_the_same_with_and_without_a_table_of_triangles(monkeypatch):
+    """Scenes of many triangles have no table; every number is the same bit for bit."""
+    rng = np.random.default_rng(8)
+    mesh = raytracer.Mesh(rng.normal(size=(90, 3)), np.arange(90).reshape(30, 3))
+    matrices = np.tile(np.eye(4), (3, 1, 1))
+    matrices[:, :3] = rng.normal(size=(3, 3, 4))
+    scene = raytracer.Scene(meshes=[mesh], instances=raytracer.Instances([0, 0, 0], matrices))
+    caster = raytracer.build(scene)
+    rays = make_rays(rng.normal(size=(2000, 3)), rng.normal(size=(2000, 3)))
+    hits = caster.closest_hit(rays.origins, rays.directions)
+    rays, hits = rays.select(hits.hit), hits.select(hits.hit)
+    assert len(hits) > 500
+    surfaces = []
+    for limit in (90, 89):
+        monkeypatch.setattr(surface_module, "LARGEST_TABLE", limit)
+        tables = make_surface_tables(scene, caster.geometry, False, False)
+        assert (tables.triangles is None) == (limit == 89)
+        surfaces.append(make_surface(tables, rays, hits))
+    for name in ("position", "position_error", "geometric_normal"):
+        np.testing.assert_array_equal(getattr(surfaces[0], name), getattr(surfaces[1], name))
