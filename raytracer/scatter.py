@@ -23,7 +23,6 @@ from raytracer.light_shapes import LightSamples
 from raytracer.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
 from raytracer.rays import Booleans, Floats
 
-
 # The reciprocals of squared cosines stay finite, and so do their products.
 SMALLEST_SQUARE = 2.0**-500
 

