@@ -22,6 +22,7 @@ class CrossingSearch(Search):
     """Counts the triangles that rays cross; spheres do not count, edges and vertices are left to `exact`."""
 
     closed = False
+    narrows = False
 
     def __init__(self, primitives: Primitives, rays: Rays) -> None:
         super().__init__(primitives, rays, any_hit=False)

@@ -1,7 +1,8 @@
 """Rays prepared for conservative culling in float32: no box that holds an exact hit is ever skipped.
 
 Each ray becomes a *row*: for each axis an origin moved outward by a pad, once for low planes and once for high planes,
-and the reciprocal direction. For a box [low, high] of the frame
+and the reciprocal direction; for the triangles of `leaves` the direction of size 1 and a tolerance. For a box
+[low, high] of the frame
 
     t_low  = (low  - (origin + pad)) / direction,      t_high = (high - (origin - pad)) / direction
     entry  = max over axes of min(t_low, t_high),      exit   = min over axes of max(t_low, t_high)
@@ -15,7 +16,7 @@ Zero directions cannot produce 0 * inf: |1 / direction| is capped, and a padded 
 must not miss (the usual alternative is fmin and fmax, which ignore NaN).
 
 A ray's own t is measured in units in which one step is about the size of the scene: t_row = (t - start) 2^exponent.
-Imports `bvh` (frames), `predicates` (gamma) and `rays`.
+Imports `bvh` (frames), `leaves` (TOLERANCE), `predicates` (gamma) and `rays`.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accelerate.bvh import Frame, round_down
+from raytracer.accelerate.leaves import TOLERANCE
 from raytracer.predicates import gamma
 from raytracer.rays import Floats
 
@@ -40,14 +42,15 @@ UNKNOWN = 2.0**100
 FAR = 4.0
 # A start below this could lose bits to underflow.
 SMALLEST_START = 2.0**-900
-ROW_COLUMNS = 9
+# Columns of a row: origin + pad, origin - pad, reciprocal, unit direction, tolerance, t_row per unit of the latter.
+ROW_COLUMNS = 14
 
 
 @dataclass(frozen=True, eq=False)
 class CullingRays:
     """n rays in the world frame, near the scene.
 
-    rows : (n, 9) float32, origin + pad, origin - pad, reciprocal direction
+    rows : (n, 14) float32, see ROW_COLUMNS
     start, exponent : (n,) t_row = (t - start) 2^exponent
     slack : (n,) float64, absolute error of t_row
     origin, direction : (n, 3) float64 in the frame: the moved origin, the direction per unit of t_row
@@ -102,17 +105,17 @@ def _way_to_box(origin: Floats, direction: Floats) -> Floats:
 
 
 def make_rows(origin: Floats, direction: Floats, error: Floats) -> NDArray[np.float32]:
-    """Return (n, 9) rows. `error` (n, 3) bounds what is absolute; out of range, every box is entered."""
+    """Return (n, 14) rows. `error` (n, 3) bounds what is absolute; out of range, every box is entered."""
     pad = error + 4 * FLOAT32_ROUNDOFF * (1 + np.abs(origin))
     known = np.isfinite(pad) & np.isfinite(origin)
     origin, pad = np.where(known, origin, 0.0), np.where(known, pad, UNKNOWN)
     largest = largest_component(direction)
     cap = RECIPROCAL_CAP / largest
     with np.errstate(divide="ignore", over="ignore"):
-        reciprocal = 1 / direction
-    reciprocal = np.clip(reciprocal, -cap, cap)
-    with np.errstate(over="ignore"):
-        return np.concatenate([origin + pad, origin - pad, reciprocal], axis=1).astype(np.float32)
+        reciprocal = np.clip(1 / direction, -cap, cap)
+        tolerance = TOLERANCE * largest_component(pad)
+        columns = [origin + pad, origin - pad, reciprocal, direction / largest, tolerance, 1 / largest]
+        return np.concatenate(columns, axis=1).astype(np.float32)
 
 
 def to_row_distance(rays: CullingRays, index: NDArray, t: Floats) -> NDArray[np.float32]:

@@ -1,6 +1,6 @@
 """Two levels of trees in one table: a world tree of flattened primitives, a world tree of instances, a tree per mesh.
 
-Imports `bvh`, `placed` and `primitives`.
+Imports `bvh`, `leaves`, `placed` and `primitives`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate.bvh import CHILD_COLUMN, LEAF_STRIDE, WIDTH, Frame, Tree, build_tree, make_frame
+from raytracer.accelerate.bvh import NODE_ROWS, REFERENCE_ROW, WIDTH, Frame, Tree, build_tree, make_frame, to_bounds
+from raytracer.accelerate.clustering import Bounds
 from raytracer.accelerate.geometry import Geometry
+from raytracer.accelerate.leaves import LEAF_ROWS, pack_leaves
 from raytracer.accelerate.placed import PlacedTrees, can_be_placed, invert
 from raytracer.accelerate.primitives import Primitives, instance_bounds
 from raytracer.predicates import gamma
@@ -19,6 +21,9 @@ from raytracer.rays import Booleans, Floats
 
 # Copies of triangles that flattening may add in all (72 bytes each, plus their share of a tree).
 FLATTEN_LIMIT = 1 << 17
+# Triangles whose boxes are computed at a time.
+BLOCK = 1 << 14
+NO_CORNERS = np.zeros((0, 9))
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +31,9 @@ class Hierarchy:
     """All trees of a scene in one table.
 
     frame : of the world trees
-    nodes : (k, 32) float32, all trees' nodes; child references count in this table
-    items : (t,) int64, what the leaves hold: primitive ids up to `instances_begin`, then instances up to
+    nodes : (k, 8, 4) float32, all trees' nodes; child references count in this table
+    triangles : (b, 10, 4) float32, the triangles of all leaves, see `leaves`
+    items : (b, 4) int64, what the leaves hold: primitive ids up to row `instances_begin`, then instances up to
         `meshes_begin`, then triangles of shared meshes
     roots : nodes at which every ray begins
     placed : the shared meshes' trees, or None
@@ -35,6 +41,7 @@ class Hierarchy:
 
     frame: Frame
     nodes: NDArray[np.float32]
+    triangles: NDArray[np.float32]
     items: NDArray[np.int64]
     instances_begin: int
     meshes_begin: int
@@ -43,24 +50,25 @@ class Hierarchy:
 
 
 class _Table:
-    """Trees being joined into one table of nodes and items."""
+    """Trees being joined into one table of nodes and leaves."""
 
     def __init__(self) -> None:
-        self.nodes: list[NDArray[np.float32]] = []
-        self.items: list[NDArray[np.int64]] = []
-        self.node_count = self.item_count = 0
+        self.nodes = [np.zeros((0, NODE_ROWS, WIDTH), np.float32)]
+        self.triangles = [np.zeros((0, LEAF_ROWS, WIDTH), np.float32)]
+        self.items = [np.zeros((0, WIDTH), np.int64)]
+        self.node_count = self.leaf_count = 0
 
-    def append(self, tree: Tree, item_ids: NDArray[np.int64]) -> int:
-        """Add a tree whose item k is `item_ids[k]`, renumbering its references; return its root."""
-        table = tree.nodes
-        reference = table.view(np.int32)[:, CHILD_COLUMN : CHILD_COLUMN + WIDTH]
-        shift = np.where(reference < 0, -self.item_count * LEAF_STRIDE, self.node_count)
-        reference += shift.astype(np.int32)
+    def append(self, tree: Tree, corners: NDArray, item_ids: NDArray[np.int64]) -> int:
+        """Add a tree whose item k is `item_ids[k]`, the first of them triangles, renumbering it; return its root."""
+        nodes = tree.nodes
+        reference = nodes.view(np.int32)[:, REFERENCE_ROW]
+        reference += np.where(reference < 0, np.int32(-self.leaf_count), np.int32(self.node_count))
         root = self.node_count
-        self.nodes.append(table)
-        self.items.append(item_ids[tree.items])
-        self.node_count += len(table)
-        self.item_count += len(tree.items)
+        self.nodes.append(nodes)
+        self.triangles.append(pack_leaves(tree, corners))
+        self.items.append(item_ids[tree.leaves])
+        self.node_count += len(nodes)
+        self.leaf_count += len(tree.leaves)
         return root
 
 
@@ -82,7 +90,7 @@ def choose_flattened(geometry: Geometry) -> Booleans:
         frame = make_frame(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
         exponents = np.zeros(len(geometry.mesh_first), np.int32)
         for mesh in np.unique(geometry.instance_mesh[shared]):
-            exponents[mesh] = _mesh_frame(_mesh_boxes(geometry, mesh)).exponent
+            exponents[mesh] = _mesh_frame(_mesh_corners(geometry, mesh)).exponent
         matrices = geometry.world_from_object[shared]
         flattened[shared] = ~can_be_placed(matrices, exponents[geometry.instance_mesh[shared]], frame.exponent)
     return flattened
@@ -91,50 +99,76 @@ def choose_flattened(geometry: Geometry) -> Booleans:
 def build_hierarchy(primitives: Primitives) -> Hierarchy:
     """Build all trees that the primitives need, and no other."""
     geometry = primitives.geometry
-    flat_boxes, flat_ids = _flat_items(primitives)
     shared = np.flatnonzero(~primitives.flattened)
-    placed_boxes = instance_bounds(geometry, shared)
-    everything = np.concatenate([flat_boxes, placed_boxes])
-    if not len(everything):
-        return Hierarchy(make_frame(np.zeros(3), np.zeros(3)), np.zeros((0, 32), np.float32), flat_ids, 0, 0, (), None)
-    frame = make_frame(everything[:, 0].min(axis=0), everything[:, 1].max(axis=0))
+    sphere_boxes, placed_boxes = _sphere_boxes(geometry), instance_bounds(geometry, shared)
+    frame = _world_frame(primitives, np.concatenate([sphere_boxes, placed_boxes]))
     table = _Table()
     roots = []
+    flat_ids = _flat_ids(primitives)
     if len(flat_ids):
-        roots.append(table.append(build_tree(flat_boxes, frame), flat_ids))
-    instances_begin = table.item_count
+        bounds = np.concatenate([_triangle_bounds(frame, primitives.corners), to_bounds(frame, sphere_boxes)], axis=1)
+        roots.append(table.append(build_tree(bounds, frame), primitives.corners, flat_ids))
+    instances_begin = table.leaf_count
     if len(shared):
-        roots.append(table.append(build_tree(placed_boxes, frame), shared.astype(np.int64)))
-    meshes_begin = table.item_count
+        tree = build_tree(to_bounds(frame, placed_boxes), frame, leaf_size=1)
+        roots.append(table.append(tree, NO_CORNERS, shared.astype(np.int64)))
+    meshes_begin = table.leaf_count
     placed = _build_meshes(table, geometry, shared) if len(shared) else None
-    nodes, items = np.concatenate(table.nodes), np.concatenate(table.items)
-    return Hierarchy(frame, nodes, items, instances_begin, meshes_begin, tuple(roots), placed)
+    return Hierarchy(
+        frame=frame,
+        nodes=np.concatenate(table.nodes),
+        triangles=np.concatenate(table.triangles),
+        items=np.concatenate(table.items),
+        instances_begin=instances_begin,
+        meshes_begin=meshes_begin,
+        roots=tuple(roots),
+        placed=placed,
+    )
 
 
-def _flat_items(primitives: Primitives) -> tuple[Floats, NDArray[np.int64]]:
-    """Boxes (k, 2, 3) and ids (k,) of flattened triangles and spheres."""
+def extremes(points: NDArray) -> NDArray:
+    """(2, 3) lowest and highest coordinates; empty where there are no points."""
+    return np.stack([points.min(axis=0), points.max(axis=0)]) if len(points) else np.zeros((0, 3))
+
+
+def _world_frame(primitives: Primitives, boxes: Floats) -> Frame:
+    """The frame of all flattened triangles and the given boxes (k, 2, 3)."""
+    points = np.concatenate([extremes(primitives.corners.reshape(-1, 3)), boxes.reshape(-1, 3)])
+    return make_frame(*extremes(points)) if len(points) else make_frame(np.zeros(3), np.zeros(3))
+
+
+def _flat_ids(primitives: Primitives) -> NDArray[np.int64]:
+    """(k,) ids of flattened triangles, as `Primitives.corners` orders them, then of spheres."""
     geometry = primitives.geometry
     triangle = np.repeat(primitives.flattened, np.diff(geometry.first_id)[: len(primitives.flattened)])
-    corners = primitives.corners.reshape(-1, 3, 3)
-    low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
-    triangles = np.stack([low, high], axis=1).astype(np.float64)
-    # A sphere's box: one rounding each, made up for by one step outward.
+    return np.concatenate([np.flatnonzero(triangle), np.arange(geometry.sphere_id, geometry.first_id[-1])])
+
+
+def _sphere_boxes(geometry: Geometry) -> Floats:
+    """(s, 2, 3) boxes of spheres: one rounding each, made up for by one step outward."""
     radii = geometry.radii[:, None]
     low = np.nextafter(geometry.centres - radii, -np.inf)
-    spheres = np.stack([low, np.nextafter(geometry.centres + radii, np.inf)], axis=1)
-    ids = np.concatenate([np.flatnonzero(triangle), np.arange(geometry.sphere_id, geometry.first_id[-1])])
-    return np.concatenate([triangles, spheres]), ids.astype(np.int64)
+    return np.stack([low, np.nextafter(geometry.centres + radii, np.inf)], axis=1)
 
 
-def _mesh_boxes(geometry: Geometry, mesh: int) -> Floats:
-    """Object-space boxes (t, 2, 3) of a mesh's triangles."""
+def _triangle_bounds(frame: Frame, corners: NDArray) -> Bounds:
+    """(6, t) bounds of triangles, (t, 9) corners, block by block."""
+    bounds = np.empty((6, len(corners)), np.float32)
+    for start in range(0, len(corners), BLOCK):
+        a, b, c = np.ascontiguousarray(corners[start : start + BLOCK].T, dtype=np.float64).reshape(3, 3, -1)
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        bounds[:, start : start + BLOCK] = to_bounds(frame, np.stack([low.T, high.T], axis=1))
+    return bounds
+
+
+def _mesh_corners(geometry: Geometry, mesh: int) -> Floats:
+    """Object-space corners (t, 9) of a mesh's triangles."""
     first, count = geometry.mesh_first[mesh], geometry.mesh_count[mesh]
-    corners = geometry.positions[geometry.triangles[first : first + count]]
-    return np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
+    return geometry.positions[geometry.triangles[first : first + count]].reshape(-1, 9)
 
 
-def _mesh_frame(boxes: Floats) -> Frame:
-    return make_frame(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
+def _mesh_frame(corners: Floats) -> Frame:
+    return make_frame(*extremes(corners.reshape(-1, 3)))
 
 
 def _build_meshes(table: _Table, geometry: Geometry, shared: NDArray) -> PlacedTrees:
@@ -145,11 +179,12 @@ def _build_meshes(table: _Table, geometry: Geometry, shared: NDArray) -> PlacedT
     first_row = geometry.mesh_first[geometry.instance_mesh]
     for row in np.unique(first_row[shared]):
         users = shared[first_row[shared] == row]
-        boxes = _mesh_boxes(geometry, int(geometry.instance_mesh[users[0]]))
-        frame = _mesh_frame(boxes)
-        root[users] = table.append(build_tree(boxes, frame), np.arange(len(boxes)))
+        corners = _mesh_corners(geometry, int(geometry.instance_mesh[users[0]]))
+        frame = _mesh_frame(corners)
+        tree = build_tree(_triangle_bounds(frame, corners), frame)
+        root[users] = table.append(tree, corners, np.arange(len(corners)))
         centre[users], exponent[users] = frame.centre, frame.exponent
-        largest[users] = np.abs(boxes).max(axis=(0, 1))
+        largest[users] = np.abs(corners.reshape(-1, 3)).max(axis=0)
     matrices = geometry.world_from_object
     inverse, residual = invert(matrices)
     sizes = np.einsum("kij,kj->ki", np.abs(matrices[:, :3, :3]), largest) + np.abs(matrices[:, :3, 3])

@@ -62,12 +62,14 @@ class Search:
     """The state of a batch of n valid rays.
 
     closed : edges and vertices belong to their triangles
+    narrows : what lies beyond a certain hit does not matter
     axis : (n,) int8, the main axis: the one along which the direction is largest
     best : (n,) float64; nothing farther than this can be the answer. Starts at t_max; -inf once an any-hit ray is
         decided. Traversal culls with it.
     """
 
     closed = True
+    narrows = True
 
     def __init__(self, primitives: Primitives, rays: Rays, any_hit: bool) -> None:
         self.primitives = primitives

@@ -4,26 +4,50 @@ Each step takes a chunk of pairs from the top of the stack, tests all four child
 ones, the nearest last, so that a ray's nearer boxes are opened first and its best distance culls the rest. Leaves wait
 in a buffer until there are enough to test together. There is no Python loop over rays, triangles or nodes.
 
-Figures in nanoseconds per pair of ray and node (4 children), one core: gather and transpose 45, slabs 40, ordering 10,
-pushing 25. Imports `hierarchy`, `culling`, `placed` and `search`.
+What is gathered are rows of four floats, one per child: a node's as they are stored, a ray's with each number four
+times. So nothing is transposed, and every operation runs over contiguous memory.
+Imports `hierarchy`, `leaves`, `culling`, `placed` and `search`.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate.bvh import CHILD_COLUMN, LEAF_STRIDE, WIDTH
+from raytracer.accelerate.bvh import NODE_ROWS, REFERENCE_ROW, WIDTH
 from raytracer.accelerate.culling import ROW_COLUMNS, SLACK, prepare_rays, to_row_distance, to_row_start
 from raytracer.accelerate.hierarchy import Hierarchy
+from raytracer.accelerate.leaves import test_leaves
 from raytracer.accelerate.placed import place_rays
 from raytracer.accelerate.search import Search
 
-# Pairs per step: the planes of a chunk (28 of nodes, 9 of rays, results) stay within a 2 MB cache.
-CHUNK = 4096
-# Leaves collected before their primitives are tested.
+# Pairs per step. Shorter steps spend their time on the calls; NumPy copies operands of fewer than 8192 columns.
+CHUNK = 8192
+# Pairs of ray and leaf collected before their primitives are tested, and before their instances are entered.
 LEAF_BATCH = 4096
+# Candidates collected before they are offered.
+OFFER_BATCH = 1 << 15
 INFINITY_BITS = np.int32(0x7F800000)
+SLOT_BITS = np.int32(WIDTH - 1)
+BEGIN = ROW_COLUMNS
+# The columns of a row that `leaves.may_hit` reads: origin - pad, direction, tolerance.
+LINE_COLUMNS = (3, 4, 5, 9, 10, 11, 12, 13)
+
+
+class Pairs(NamedTuple):
+    """Rows with nodes or leaves they enter, or rays with candidates, and the distance from which on."""
+
+    row: NDArray[np.int32]
+    target: NDArray
+    entry: NDArray[np.float32]
+
+    def select(self, index: NDArray[np.intp]) -> Pairs:
+        return Pairs(self.row.take(index), self.target.take(index), self.entry.take(index))
+
+    def part(self, where: slice) -> Pairs:
+        return Pairs(self.row[where], self.target[where], self.entry[where])
 
 
 class _Stack:
@@ -31,61 +55,84 @@ class _Stack:
 
     def __init__(self, capacity: int) -> None:
         self.size = 0
-        self.columns = [np.empty(capacity, dtype) for dtype in (np.int32, np.int32, np.float32)]
+        self.columns = Pairs(np.empty(capacity, np.int32), np.empty(capacity, np.int32), np.empty(capacity, np.float32))
 
-    def push(self, *values: NDArray) -> None:
-        end = self.size + len(values[0])
+    def push(self, pairs: Pairs) -> None:
+        end = self.size + len(pairs.row)
         if end > len(self.columns[0]):
             grown = max(end, 2 * len(self.columns[0]))
-            self.columns = [np.concatenate([old, np.empty(grown - len(old), old.dtype)]) for old in self.columns]
-        for column, value in zip(self.columns, values, strict=True):
+            self.columns = Pairs(*(np.resize(column, grown) for column in self.columns))
+        for column, value in zip(self.columns, pairs, strict=True):
             column[self.size : end] = value
         self.size = end
 
-    def pop(self, count: int) -> list[NDArray]:
-        start = max(0, self.size - count)
-        chunk = [column[start : self.size] for column in self.columns]
+    def pop(self, count: int, floor: int) -> Pairs:
+        start = max(floor, self.size - count)
+        chunk = self.columns.part(slice(start, self.size))
         self.size = start
         return chunk
 
 
-class _Rows:
-    """The rows of rays and, once instances are entered, what each row belongs to; grows by doubling."""
+class _Buffer:
+    """Pairs of rows and leaves that wait to be tested together."""
 
-    def __init__(self, rows: NDArray[np.float32]) -> None:
+    def __init__(self) -> None:
+        self.parts: list[Pairs] = []
+        self.count = 0
+
+    def append(self, pairs: Pairs) -> None:
+        self.parts.append(pairs)
+        self.count += len(pairs.row)
+
+    def take_all(self) -> Pairs:
+        row, target, entry = zip(*self.parts, strict=True)
+        pairs = Pairs(np.concatenate(row), np.concatenate(target), np.concatenate(entry))
+        self.parts, self.count = [], 0
+        return pairs
+
+
+class _Rows:
+    """The rows of rays and, once instances are entered, what each row belongs to; grows by doubling.
+
+    planes : (14, rows, 4) float32, the columns of `culling` rows and where the ray begins, each number four times
+    """
+
+    def __init__(self, rows: NDArray[np.float32], begin: NDArray[np.float32]) -> None:
         self.count = self.ray_count = len(rows)
-        self.rows = rows
         self.ray = np.arange(len(rows), dtype=np.int32)
         self.id_shift = np.zeros(len(rows), np.int64)
+        self.planes = np.empty((ROW_COLUMNS + 1, len(rows), WIDTH), np.float32)
+        self._fill(slice(0, len(rows)), rows, begin)
+
+    def _fill(self, where: slice, rows: NDArray[np.float32], begin: NDArray[np.float32]) -> None:
+        self.planes[:ROW_COLUMNS, where] = rows.T[:, :, None]
+        self.planes[BEGIN, where] = begin[:, None]
 
     def rays_of(self, row: NDArray) -> NDArray:
         return row if self.count == self.ray_count else self.ray.take(row)
 
-    def append(self, rows: NDArray[np.float32], ray: NDArray, id_shift: NDArray) -> NDArray[np.int32]:
+    def append(self, rows: NDArray, begin: NDArray, ray: NDArray, id_shift: NDArray) -> NDArray[np.int32]:
         """Add rows; return their numbers."""
         end = self.count + len(rows)
-        if end > len(self.rows):
-            extra = max(end, 2 * len(self.rows)) - len(self.rows)
-            self.rows = np.concatenate([self.rows, np.empty((extra, ROW_COLUMNS), np.float32)])
+        if end > len(self.ray):
+            extra = max(end, 2 * len(self.ray)) - len(self.ray)
+            self.planes = np.concatenate([self.planes, np.empty((len(self.planes), extra, WIDTH), np.float32)], axis=1)
             self.ray = np.concatenate([self.ray, np.empty(extra, np.int32)])
             self.id_shift = np.concatenate([self.id_shift, np.empty(extra, np.int64)])
         added = slice(self.count, end)
-        self.rows[added], self.ray[added], self.id_shift[added] = rows, ray, id_shift
+        self.ray[added], self.id_shift[added] = ray, id_shift
+        self._fill(added, rows, begin)
         self.count = end
         return np.arange(added.start, end, dtype=np.int32)
 
 
 class _Workspace:
-    """Arrays of one step, allocated once; rows are padded so that planes do not alias in the cache."""
+    """Arrays of one step, allocated once."""
 
     def __init__(self) -> None:
-        width = CHUNK + 16
-        self.node_rows = np.empty((CHUNK, 32), np.float32)
-        self.ray_rows = np.empty((CHUNK, 9), np.float32)
-        self.nodes = np.empty((CHILD_COLUMN + WIDTH, width), np.float32)
-        self.rays = np.empty((9, width), np.float32)
-        self.entry, self.exit, self.one, self.other = (np.empty((WIDTH, width), np.float32) for _ in range(4))
-        self.lane = np.tile(np.arange(CHUNK, dtype=np.int32), (WIDTH, 1))
+        self.planes = np.empty((8, CHUNK, WIDTH), np.float32)
+        self.keys = np.empty(WIDTH * CHUNK, np.int32)
+        self.slots = np.tile(np.arange(WIDTH, dtype=np.int32), (CHUNK, 1))
 
 
 class Traversal:
@@ -94,123 +141,196 @@ class Traversal:
     def __init__(self, hierarchy: Hierarchy, search: Search) -> None:
         self.hierarchy = hierarchy
         self.search = search
+        self.node_rows = hierarchy.nodes.reshape(-1, WIDTH)
+        self.leaf_rows = hierarchy.triangles.reshape(-1, WIDTH)
         self.rays = prepare_rays(hierarchy.frame, search.rays.origins, search.rays.directions)
-        self.rows = _Rows(self.rays.rows)
-        everyone = np.arange(len(search.rays))
-        self.best = to_row_distance(self.rays, everyone, search.best)
         self.begin = to_row_start(self.rays, search.t_min)
-        self.stack = _Stack(4 * max(len(everyone), CHUNK))
-        self.leaves: list[tuple[NDArray, NDArray]] = []
-        self.leaf_count = 0
+        self.rows = _Rows(self.rays.rows, self.begin)
+        self.best = np.empty((len(search.rays), WIDTH), np.float32)
+        everyone = np.arange(len(search.rays))
+        self.best[...] = to_row_distance(self.rays, everyone, search.best)[:, None]
+        self.stack = _Stack(4 * max(len(search.rays), CHUNK))
+        self.leaves, self.instances, self.candidates = _Buffer(), _Buffer(), _Buffer()
+        # Where the stack and the rows ended when instances were entered: below that, their rows are done with.
+        self.marks: list[tuple[int, int]] = []
+        self.narrows = search.narrows and search.certified
+        self.surely_begun = to_row_distance(self.rays, everyone, search.t_min)
+        self.surely_before_end = to_row_start(self.rays, search.rays.t_max)
         self.work = _Workspace()
 
     def run(self) -> None:
         """Offer the search every primitive whose boxes the rays enter."""
         everyone = np.arange(len(self.search.rays), dtype=np.int32)
         for root in self.hierarchy.roots:
-            self.stack.push(everyone, np.full(len(everyone), root, np.int32), self.begin)
+            self.stack.push(Pairs(everyone, np.full(len(everyone), root, np.int32), self.begin))
         # Capped reciprocals times far planes may overflow to infinity, with the right sign.
-        with np.errstate(over="ignore", invalid="ignore"):
-            while self.stack.size or self.leaf_count:
-                if self.leaf_count >= LEAF_BATCH or not self.stack.size:
-                    self._open_leaves()
-                else:
-                    self._open_nodes(*self.stack.pop(CHUNK))
+        with np.errstate(all="ignore"):
+            while self._step():
+                pass
 
-    def _open_nodes(self, row: NDArray, node: NDArray, entered: NDArray) -> None:
+    def _step(self) -> bool:
+        """Do what is most worth doing next; False when there is nothing left."""
+        floor = self._release_rows()
+        if self.leaves.count >= LEAF_BATCH:
+            self._open_leaves()
+        elif self.instances.count >= LEAF_BATCH:
+            self._enter_instances()
+        elif self.stack.size:
+            self._open_nodes(self.stack.pop(CHUNK, floor))
+        elif self.instances.count:
+            self._enter_instances()
+        elif self.leaves.count:
+            self._open_leaves()
+        elif self.candidates.count:
+            self._offer()
+        else:
+            return False
+        return True
+
+    def _open_nodes(self, pairs: Pairs) -> None:
         """Test the four children of each node and push those that the rays enter, the nearest last."""
-        ray = self.rows.rays_of(row)
-        best = self.best.take(ray)
-        alive = np.flatnonzero(entered <= best)
-        if len(alive) < len(row):
-            row, node, ray, best = row[alive], node[alive], ray[alive], best[alive]
-        count, work = len(row), self.work
+        row, node, _ = pairs = self._drop_passed(pairs)
+        count = len(row)
         if not count:
             return
-        nodes, children = self._gather_nodes(node)
-        entry = self._enter_boxes(row, ray, nodes, best)
-        keys = _sort_four(entry, children)
-        slot, lane = keys & 3, work.lane[:, :count]
-        chosen = np.flatnonzero(keys.ravel() < INFINITY_BITS)
-        lane = lane.ravel().take(chosen)
-        child = children.ravel().take(slot.ravel().take(chosen) * count + lane)
-        child_row = row.take(lane)
-        inner = child >= 0
-        index = np.flatnonzero(inner)
-        distance = keys.ravel().take(chosen.take(index)).view(np.float32)
-        self.stack.push(child_row.take(index), child.take(index), distance)
-        index = np.flatnonzero(~inner)
-        self.leaves.append((child_row.take(index), child.take(index)))
-        self.leaf_count += len(index)
+        keys = _sort_four(self._enter_boxes(row, node).reshape(WIDTH, count))
+        chosen = np.flatnonzero(keys < INFINITY_BITS)
+        key = keys.ravel().take(chosen)
+        lane = chosen % count
+        references = self.hierarchy.nodes.view(np.int32).ravel()[WIDTH * REFERENCE_ROW :]
+        child = references.take(node.take(lane) * (NODE_ROWS * WIDTH) + (key & SLOT_BITS))
+        entered = Pairs(row.take(lane), child, key.view(np.float32))
+        self.stack.push(entered.select(np.flatnonzero(child >= 0)))
+        self._keep_leaves(entered.select(np.flatnonzero(child < 0)))
 
-    def _gather_nodes(self, node: NDArray) -> tuple[NDArray, NDArray]:
-        """The planes (24, c) of the children's boxes and (4, c) of their references."""
-        count, work = len(node), self.work
-        rows = self.hierarchy.nodes.take(node, axis=0, out=work.node_rows[:count], mode="clip")
-        planes = work.nodes[:, :count]
-        planes[...] = rows.T[: CHILD_COLUMN + WIDTH]
-        return planes, np.ascontiguousarray(planes[CHILD_COLUMN:]).view(np.int32)
+    def _drop_passed(self, pairs: Pairs) -> Pairs:
+        """Leave out what lies beyond the best distance by now."""
+        alive = np.flatnonzero(pairs.entry <= self.best[:, 0].take(self.rows.rays_of(pairs.row)))
+        return pairs if len(alive) == len(pairs.row) else pairs.select(alive)
 
-    def _enter_boxes(self, row: NDArray, ray: NDArray, nodes: NDArray, best: NDArray) -> NDArray:
-        """The (4, c) entry distances of the children's boxes; infinite where a ray misses or is past its best."""
-        count, work = len(row), self.work
-        rows = self.rows.rows.take(row, axis=0, out=work.ray_rows[:count], mode="clip")
-        planes = work.rays[:, :count]
-        planes[...] = rows.T
-        entry, leave, one, other = (array[:, :count] for array in (work.entry, work.exit, work.one, work.other))
-        entry[...] = self.begin.take(ray)
-        leave[...] = best
+    def _enter_boxes(self, row: NDArray, node: NDArray) -> NDArray[np.int32]:
+        """The (4 c,) keys of the boxes of all children, slot by slot.
+
+        A key is the entry distance's bits, the lowest two replaced by the slot; at least INFINITY_BITS where the ray
+        misses the box or is past its best. Non-negative floats sort as their bits do. Clearing two bits rounds the
+        entry down, which only opens a box earlier.
+        """
+        count = len(row)
+        low, high, origin_low, origin_high, reciprocal, entry, leave = self.work.planes[:7, :count]
+        ray, row, node = self.rows.rays_of(row), row.astype(np.intp), node.astype(np.intp) * NODE_ROWS
+        planes = self.rows.planes
+        planes[BEGIN].take(row, axis=0, out=entry, mode="clip")
+        self.best.take(ray, axis=0, out=leave, mode="clip")
         for axis in range(3):
-            low, high = nodes[WIDTH * axis :][:WIDTH], nodes[WIDTH * (axis + 3) :][:WIDTH]
-            np.multiply(np.subtract(low, planes[axis], out=one), planes[6 + axis], out=one)
-            np.multiply(np.subtract(high, planes[3 + axis], out=other), planes[6 + axis], out=other)
-            np.maximum(entry, np.minimum(one, other, out=nodes[WIDTH * axis :][:WIDTH]), out=entry)
-            np.minimum(leave, np.maximum(one, other, out=one), out=leave)
+            self.node_rows[axis:].take(node, axis=0, out=low, mode="clip")
+            self.node_rows[3 + axis :].take(node, axis=0, out=high, mode="clip")
+            planes[axis].take(row, axis=0, out=origin_low, mode="clip")
+            planes[3 + axis].take(row, axis=0, out=origin_high, mode="clip")
+            planes[6 + axis].take(row, axis=0, out=reciprocal, mode="clip")
+            np.multiply(np.subtract(low, origin_low, out=low), reciprocal, out=low)
+            np.multiply(np.subtract(high, origin_high, out=high), reciprocal, out=high)
+            np.maximum(entry, np.minimum(low, high, out=origin_low), out=entry)
+            np.minimum(leave, np.maximum(low, high, out=origin_high), out=leave)
         np.multiply(leave, SLACK, out=leave)
-        entry[entry > leave] = np.inf
-        return entry
+        # The sign of leave - entry, spread over the bits of infinity; all other bits only make the key larger.
+        missed = np.right_shift(np.subtract(leave, entry, out=leave).view(np.int32), 31, out=leave.view(np.int32))
+        missed &= INFINITY_BITS
+        bits = entry.view(np.int32)
+        bits &= ~SLOT_BITS
+        bits |= missed
+        bits |= self.work.slots[:count]
+        keys = self.work.keys[: WIDTH * count]
+        keys.reshape(WIDTH, count)[...] = bits.T
+        return keys
+
+    def _keep_leaves(self, pairs: Pairs) -> None:
+        """Put (row, ~leaf) pairs where they wait."""
+        pairs = pairs._replace(target=~pairs.target)
+        if self.hierarchy.placed is None:
+            self.leaves.append(pairs)
+            return
+        instance = (pairs.target >= self.hierarchy.instances_begin) & (pairs.target < self.hierarchy.meshes_begin)
+        self.instances.append(pairs.select(np.flatnonzero(instance)))
+        self.leaves.append(pairs.select(np.flatnonzero(~instance)))
 
     def _open_leaves(self) -> None:
-        """Offer the primitives of the waiting leaves; instances among them become rows of their own."""
-        row, leaf = (np.concatenate(column) for column in zip(*self.leaves, strict=True))
-        self.leaves, self.leaf_count = [], 0
-        code = ~leaf
-        first, count = code // LEAF_STRIDE, code % LEAF_STRIDE
-        offset = np.cumsum(count) - count
-        position = np.repeat(first - offset, count) + np.arange(int(count.sum()), dtype=np.int32)
-        row, item = np.repeat(row, count), self.hierarchy.items.take(position)
-        if self.hierarchy.placed is None:
-            self._offer(self.rows.rays_of(row), item)
-            return
-        primitive = position < self.hierarchy.instances_begin
-        self._offer(self.rows.rays_of(row[primitive]), item[primitive])
-        of_mesh = position >= self.hierarchy.meshes_begin
-        if of_mesh.any():
-            self._offer(self.rows.rays_of(row[of_mesh]), item[of_mesh] + self.rows.id_shift[row[of_mesh]])
-        instance = ~primitive & ~of_mesh
-        if instance.any():
-            self._enter_instances(row[instance], item[instance])
+        """Test what waits in leaves, chunk by chunk: hits that are sure cull the next."""
+        waiting = self.leaves.take_all()
+        for start in range(0, len(waiting.row), CHUNK):
+            row, leaf, _ = self._drop_passed(waiting.part(slice(start, start + CHUNK)))
+            if len(row):
+                self._test_leaves(row, leaf.astype(np.intp))
+        if self.candidates.count >= OFFER_BATCH:
+            self._offer()
 
-    def _offer(self, ray: NDArray, primitive_id: NDArray) -> None:
-        if len(ray):
-            changed = self.search.offer(ray, primitive_id)
-            self.best[changed] = to_row_distance(self.rays, changed, self.search.best[changed])
+    def _test_leaves(self, row: NDArray[np.int32], leaf: NDArray[np.intp]) -> None:
+        """Keep the candidates that leaves hold for rays; let those that are surely hit lower the best distance."""
+        lines = self.work.planes[:, : len(row)]
+        for line, column in zip(lines, LINE_COLUMNS, strict=True):
+            self.rows.planes[column].take(row, axis=0, out=line, mode="clip")
+        hits = test_leaves(self.leaf_rows, leaf, lines)
+        ray = self.rows.rays_of(row)
+        low = np.where(hits.low > -np.inf, hits.low, -np.inf)
+        found = np.flatnonzero(hits.possible & (low <= self.best.take(ray, axis=0)))
+        pair, slot = found // WIDTH, found % WIDTH
+        item = self.hierarchy.items.ravel().take(leaf.take(pair) * WIDTH + slot)
+        if self.hierarchy.placed is not None:
+            item += self.rows.id_shift.take(row.take(pair))
+        candidates = Pairs(ray.take(pair), item, low.ravel().take(found))
+        if self.narrows:
+            self._narrow(candidates, hits.sure.ravel().take(found), hits.high.ravel().take(found))
+        self.candidates.append(candidates)
 
-    def _enter_instances(self, ray: NDArray, instance: NDArray) -> None:
+    def _narrow(self, candidates: Pairs, sure: NDArray, high: NDArray[np.float32]) -> None:
+        """Let candidates that are hit beyond doubt, and in range, lower the best distance, or settle an any-hit ray."""
+        index = np.flatnonzero(sure)
+        ray, item, low = candidates.select(index)
+        high = high.take(index)
+        inside = low >= self.surely_begun.take(ray)
+        if self.search.any_hit:
+            inside &= high <= self.surely_before_end.take(ray)
+            self.search.settle(ray[inside], item[inside])
+            self.best[ray[inside]] = -np.inf
+        else:
+            self._lower_best(ray[inside], high[inside])
+
+    def _lower_best(self, ray: NDArray, distance: NDArray[np.float32]) -> None:
+        nearest = self.best[:, 0]
+        np.minimum.at(nearest, ray, distance)
+        self.best[ray] = nearest[ray][:, None]
+
+    def _offer(self) -> None:
+        """Offer the search the candidates that are still near enough."""
+        ray, item, _ = self._drop_passed(self.candidates.take_all())
+        changed = self.search.offer(ray, item)
+        self._lower_best(changed, to_row_distance(self.rays, changed, self.search.best[changed]))
+
+    def _enter_instances(self) -> None:
         """Give rays that enter an instance's box a row in the frame of its mesh, and push its root."""
         placed = self.hierarchy.placed
         assert placed is not None
+        pairs = self._drop_passed(self.instances.take_all())
+        ray, instance = pairs.row, self.hierarchy.items[pairs.target, 0]
+        self.marks.append((self.stack.size, self.rows.count))
         rows = place_rays(placed, self.hierarchy.frame, self.rays, ray, instance)
-        row = self.rows.append(rows, ray, placed.first_id[instance])
-        self.stack.push(row, placed.root[instance], self.begin[ray])
+        row = self.rows.append(rows, self.begin[ray], ray, placed.first_id[instance])
+        self.stack.push(Pairs(row, placed.root[instance], pairs.entry))
+
+    def _release_rows(self) -> int:
+        """Forget the rows of instances that are done with; return where the stack of those in work begins."""
+        while self.marks:
+            floor, row_count = self.marks[-1]
+            if self.stack.size > floor:
+                return floor
+            if self.leaves.count:
+                self._open_leaves()
+            self.rows.count = row_count
+            self.marks.pop()
+        return 0
 
 
-def _sort_four(entry: NDArray, children: NDArray) -> NDArray[np.int32]:
-    """Sort each column's four entries, farthest first; the two lowest bits of a key name the child's slot.
-
-    Non-negative floats sort as their bits do. Clearing two bits rounds the entry down, which only opens a box earlier.
-    """
-    keys = (np.ascontiguousarray(entry).view(np.int32) & ~np.int32(3)) | np.arange(4, dtype=np.int32)[:, None]
+def _sort_four(keys: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Sort each column's four keys, the largest first."""
     for one, other in ((0, 1), (2, 3), (0, 2), (1, 3), (1, 2)):
         low = np.minimum(keys[one], keys[other])
         np.maximum(keys[one], keys[other], out=keys[one])

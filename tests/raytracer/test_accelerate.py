@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.accelerate import bvh, culling, hierarchy
+from raytracer.accelerate import bvh, clustering, culling, hierarchy
 from raytracer.accelerate.brute_force import offer_all
 from raytracer.accelerate.caster import Caster
 from raytracer.accelerate.geometry import instance_corners, pack_geometry, world_corners
@@ -119,37 +119,77 @@ def test_no_rays_give_no_hits():
     assert len(caster.any_hit(np.zeros((0, 3)), np.zeros((0, 3)))) == 0
 
 
-@pytest.mark.parametrize(("count", "spread"), [(1, 1), (3, 0), (9, 0), (100, 1), (3000, 1)])
-def test_tree_holds_every_item_once_inside_its_boxes(rng, count, spread):
+@pytest.mark.parametrize("leaf_size", [1, 4])
+@pytest.mark.parametrize(("count", "spread"), [(1, 1), (3, 0), (9, 0), (100, 1), (3000, 1), (3000, 0)])
+def test_tree_holds_every_item_once_inside_its_boxes(rng, count, spread, leaf_size):
     low = rng.normal(size=(count, 3)) * spread
-    boxes = np.stack([low, low + rng.random((count, 3))], axis=1)
+    boxes = np.stack([low, low + spread * rng.random((count, 3))], axis=1)
     frame = bvh.make_frame(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
-    tree = bvh.build_tree(boxes, frame)
-    assert sorted(tree.items) == list(range(count))
-    inside = bvh.to_frame(frame, boxes).astype(np.float64)
-    assert (np.abs(inside) <= 1).all()
-    visited = _check_node(tree, inside, 0)
+    bounds = bvh.to_bounds(frame, boxes)
+    assert (np.abs(bounds) <= 1).all()
+    tree = bvh.build_tree(bounds, frame, leaf_size)
+    visited, depth = _check_node(tree, bounds, leaf_size, 0)
     assert sorted(visited) == list(range(count))
+    assert depth <= 2 + np.log2(count)
 
 
-def _check_node(tree, inside, node):
-    """Return the items below a node, after checking that each child's box holds its items' boxes."""
-    found = []
-    references = tree.nodes[node].view(np.int32)[bvh.CHILD_COLUMN : bvh.CHILD_COLUMN + 4]
-    for slot in range(4):
-        box = tree.nodes[node][slot:24:4]
-        if np.isinf(box).any():
+def _check_node(tree, bounds, leaf_size, node):
+    """Return the items below a node and how deep they lie, after checking that boxes hold their items' boxes."""
+    found, depth = [], 0
+    references = tree.nodes[node, bvh.REFERENCE_ROW].view(np.int32)
+    for slot in range(bvh.WIDTH):
+        low, high = tree.nodes[node, :3, slot], tree.nodes[node, 3:6, slot]
+        if np.isinf(low).any():
             continue
         if references[slot] >= 0:
-            items = _check_node(tree, inside, references[slot])
+            items, below = _check_node(tree, bounds, leaf_size, references[slot])
+            depth = max(depth, below + 1)
         else:
-            first, size = divmod(~int(references[slot]), bvh.LEAF_STRIDE)
-            items = tree.items[first : first + size].tolist()
-            assert 0 < size <= bvh.LEAF_SIZE
-        assert (inside[items, :3] >= box[:3]).all()
-        assert (inside[items, 3:] <= box[3:]).all()
+            items = tree.leaves[~references[slot]]
+            items = items[items != bvh.NO_ITEM].tolist()
+            assert 0 < len(items) <= leaf_size
+        assert (low <= bounds[:3, items].T).all()
+        assert (high >= -bounds[3:, items].T).all()
         found.extend(items)
-    return found
+    return found, depth
+
+
+def test_chains_of_clusters_that_prefer_the_one_before_are_merged_in_pairs():
+    """Boxes that grow along a line: each is nearest to a smaller one, so that only the first two choose each other."""
+    size = 1.01 ** np.arange(600)
+    place = np.cumsum(size)
+    boxes = np.zeros((600, 2, 3))
+    boxes[:, 0, 0], boxes[:, 1] = place - size / 2, size[:, None]
+    boxes[:, 1, 0] = place + size / 2
+    frame = bvh.make_frame(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
+    clusters = clustering.cluster(bvh.to_bounds(frame, boxes))
+    assert len(clusters.rounds) < 100
+    assert clusters.count[-1] == 600
+
+
+def test_clusters_lie_side_by_side_and_their_bounds_are_the_unions(rng):
+    bounds = np.concatenate([rng.uniform(-1, 0, (3, 500)), rng.uniform(-1, 0, (3, 500))]).astype(np.float32)
+    clusters = clustering.cluster(bounds)
+    assert sorted(clusters.items) == list(range(500))
+    for k in range(len(clusters.count)):
+        items = clusters.items[clusters.first[k] : clusters.first[k] + clusters.count[k]]
+        np.testing.assert_array_equal(bounds[:, items].min(axis=1), clusters.bounds[:, k])
+
+
+def test_partners_have_the_smallest_common_surface_of_all_neighbours(rng):
+    bounds = np.concatenate([rng.uniform(-1, 0, (3, 300)), rng.uniform(-1, 0, (3, 300))]).astype(np.float32)
+    for block in (7, 64, 1 << 14):
+        clustering.BLOCK, keep = block, clustering.BLOCK
+        try:
+            partners = clustering._find_partners(bounds)
+        finally:
+            clustering.BLOCK = keep
+        for place in range(300):
+            near = [k for k in range(place - 8, place + 9) if 0 <= k < 300 and k != place]
+            surface = clustering.half_surface(np.minimum(bounds[:, [place]], bounds[:, near]))
+            chosen = surface[near.index(partners[place])]
+            # 4 bits of 24 give way to the neighbour's code.
+            assert chosen <= surface.min() * (1 + 2.0**-18)
 
 
 def test_instance_boxes_hold_rounded_world_corners(rng):
@@ -195,9 +235,9 @@ def test_rows_never_lose_a_point_of_the_ray(rng):
     rays = culling.prepare_rays(frame, origins, directions)
     exact_points = origins.astype(np.longdouble) + t.astype(np.longdouble)[:, None] * directions.astype(np.longdouble)
     boxes = np.stack([exact_points, exact_points], axis=1).astype(np.float64)
-    bounds = bvh.to_frame(frame, boxes)
-    low = (bounds[:, :3] - rays.rows[:, :3]) * rays.rows[:, 6:]
-    high = (bounds[:, 3:] - rays.rows[:, 3:6]) * rays.rows[:, 6:]
+    bounds = bvh.to_bounds(frame, boxes)
+    low = (bounds[:3].T - rays.rows[:, :3]) * rays.rows[:, 6:9]
+    high = (-bounds[3:].T - rays.rows[:, 3:6]) * rays.rows[:, 6:9]
     entry = np.minimum(low, high).max(axis=1)
     leave = np.maximum(low, high).min(axis=1) * culling.SLACK
     assert (entry <= leave).all()

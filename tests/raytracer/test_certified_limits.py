@@ -222,7 +222,8 @@ def test_boxes_of_the_tree_are_rounded_outward(rng):
     low = rng.normal(size=(300, 3)) + 1e3
     boxes = np.stack([low, low + rng.random((300, 3))], axis=1)
     frame = bvh.make_frame(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
-    rounded = bvh.to_frame(frame, boxes).astype(np.float64).reshape(-1, 2, 3)
+    low, minus_high = bvh.to_bounds(frame, boxes).astype(np.float64).reshape(2, 3, -1)
+    rounded = np.stack([low.T, -minus_high.T], axis=1)
     unit = Fraction(2) ** -frame.exponent
     for side, outward in ((0, -1), (1, 1)):
         for row, box in zip(rounded[:, side], boxes[:, side], strict=True):
