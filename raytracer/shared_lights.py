@@ -33,8 +33,8 @@ from raytracer.scene import AreaLight, Light, Scene, SunLight
 
 # A view from the light costs about as much for a triangle as the tree does for this many rays.
 RAYS_PER_TRIANGLE = 0.1
-# With fewer rays in a call NumPy's calls cost more than their arithmetic.
-SMALLEST_CALL = 4096
+# With fewer rays in a call NumPy's calls cost more than their arithmetic, and joining the lamps' rays costs less.
+SMALLEST_CALL = 1 << 14
 # From so many samples on, one point for the whole picture leaves no steps to see; at 64 they still show in a wide
 # penumbra.
 SAMPLES_WITHOUT_STEPS = 256

@@ -60,7 +60,7 @@ FEATURES = {
     "soft light": (
         lambda: make_scene(lamp=raytracer.AreaLight((3, -4, 9), (3, 0, 0), (0, 3, 0), 900.0)),
         {},
-        ("shared_lights.py", "sample_shared"),
+        ("area_lights.py", "sample_area"),
     ),
     "world": (lambda: make_scene(world=raytracer.World(0.3)), {}, ("direct_light.py", "world_density")),
     "mirror": (lambda: make_scene(raytracer.Closure("glossy")), {}, ("scatter.py", "sample_continuation")),
