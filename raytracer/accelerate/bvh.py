@@ -102,7 +102,7 @@ def _widen(clusters: Clusters, leaf_size: int) -> tuple[NDArray[np.float32], Int
         reference = np.empty(len(chosen), np.int32)
         reference[~is_leaf] = node_count + np.arange(len(following))
         reference[is_leaf] = ~(leaf_count + np.arange(len(leaf)))
-        tables.append(_make_nodes(len(current), parent, slot, clusters.bounds[:, chosen], reference))
+        tables.append(_make_nodes(len(current), parent, slot, clusters.bounds.take(chosen, axis=1), reference))
         leaves.append(leaf)
         leaf_count += len(leaf)
         current = following

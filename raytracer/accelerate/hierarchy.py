@@ -15,7 +15,7 @@ from raytracer.accelerate.clustering import Bounds
 from raytracer.accelerate.geometry import Geometry
 from raytracer.accelerate.leaves import LEAF_ROWS, pack_leaves
 from raytracer.accelerate.placed import PlacedTrees, can_be_placed, invert
-from raytracer.accelerate.primitives import Primitives, instance_bounds
+from raytracer.accelerate.primitives import Primitives, extremes, instance_bounds
 from raytracer.predicates import gamma
 from raytracer.rays import Booleans, Floats
 
@@ -100,8 +100,8 @@ def build_hierarchy(primitives: Primitives) -> Hierarchy:
     """Build all trees that the primitives need, and no other."""
     geometry = primitives.geometry
     shared = np.flatnonzero(~primitives.flattened)
-    sphere_boxes, placed_boxes = _sphere_boxes(geometry), instance_bounds(geometry, shared)
-    frame = _world_frame(primitives, np.concatenate([sphere_boxes, placed_boxes]))
+    sphere_boxes = _sphere_boxes(geometry)
+    frame = _world_frame(primitives, sphere_boxes)
     table = _Table()
     roots = []
     flat_ids = _flat_ids(primitives)
@@ -110,7 +110,7 @@ def build_hierarchy(primitives: Primitives) -> Hierarchy:
         roots.append(table.append(build_tree(bounds, frame), primitives.corners, flat_ids))
     instances_begin = table.leaf_count
     if len(shared):
-        tree = build_tree(to_bounds(frame, placed_boxes), frame, leaf_size=1)
+        tree = build_tree(to_bounds(frame, instance_bounds(geometry, shared)), frame, leaf_size=1)
         roots.append(table.append(tree, NO_CORNERS, shared.astype(np.int64)))
     meshes_begin = table.leaf_count
     placed = _build_meshes(table, geometry, shared) if len(shared) else None
@@ -126,14 +126,10 @@ def build_hierarchy(primitives: Primitives) -> Hierarchy:
     )
 
 
-def extremes(points: NDArray) -> NDArray:
-    """(2, 3) lowest and highest coordinates; empty where there are no points."""
-    return np.stack([points.min(axis=0), points.max(axis=0)]) if len(points) else np.zeros((0, 3))
-
-
-def _world_frame(primitives: Primitives, boxes: Floats) -> Frame:
-    """The frame of all flattened triangles and the given boxes (k, 2, 3)."""
-    points = np.concatenate([extremes(primitives.corners.reshape(-1, 3)), boxes.reshape(-1, 3)])
+def _world_frame(primitives: Primitives, sphere_boxes: Floats) -> Frame:
+    """The frame of all triangles, shared ones included, and spheres."""
+    triangles = primitives.bounds if primitives.geometry.sphere_id else np.zeros((0, 3))
+    points = np.concatenate([triangles, sphere_boxes.reshape(-1, 3)])
     return make_frame(*extremes(points)) if len(points) else make_frame(np.zeros(3), np.zeros(3))
 
 

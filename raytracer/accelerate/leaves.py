@@ -58,12 +58,13 @@ def pack_leaves(tree: Tree, corners: NDArray) -> NDArray[np.float32]:
 
 def _pack_block(packed: NDArray[np.float32], items: NDArray, corners: NDArray, frame: Frame) -> None:
     triangle = (items != NO_ITEM) & (items < len(corners))
-    rows = np.zeros((*items.shape, 9))
-    rows[triangle] = frame.place(corners[items[triangle]].reshape(-1, 3, 3).astype(np.float64)).reshape(-1, 9)
-    origin, edges = rows[..., :3], rows[..., 3:].reshape(*items.shape, 2, 3) - rows[..., None, :3]  # (b, 4, 2, 3)
-    size = np.maximum(np.abs(edges).max(axis=(2, 3)), SMALLEST_SIZE)
-    packed[:, :3] = origin.transpose(0, 2, 1)
-    packed[:, 3:SIZE_ROW] = edges.reshape(*items.shape, 6).transpose(0, 2, 1)
+    points = corners.take(items[triangle], axis=0).reshape(-1, 3, 3).astype(np.float64)
+    planes = np.zeros((9, *items.shape))
+    planes[:, triangle] = frame.place(points).reshape(-1, 9).T
+    planes[3:6] -= planes[:3]
+    planes[6:] -= planes[:3]
+    size = np.maximum(np.abs(planes[3:]).max(axis=0), SMALLEST_SIZE)
+    packed[:, :SIZE_ROW] = planes.transpose(1, 0, 2)
     packed[:, SIZE_ROW] = np.where(items == NO_ITEM, -1.0, np.where(triangle, size * (1 + size), np.inf))
 
 

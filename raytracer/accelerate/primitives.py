@@ -50,15 +50,18 @@ def make_primitives(geometry: Geometry, precision: str, flattened: Booleans) -> 
         corners[first_row[instance] : first_row[instance + 1]] = instance_corners(geometry, instance).reshape(-1, 9)
     points = corners.reshape(-1, 3)
     placed = instance_bounds(geometry, np.flatnonzero(~flattened)).reshape(-1, 3)
-    everything = np.concatenate([_extremes(points), placed])
+    everything = np.concatenate([extremes(points), placed])
     row_shift = first_row[:-1] - geometry.first_id[: len(flattened)]
-    bounds = _extremes(everything) if len(everything) else np.zeros((2, 3))
+    bounds = extremes(everything) if len(everything) else np.zeros((2, 3))
     return Primitives(geometry, precision, corners, flattened, row_shift, bounds)
 
 
-def _extremes(points: NDArray) -> NDArray:
+def extremes(points: NDArray) -> NDArray:
     """(2, 3) lowest and highest coordinates; empty where there are no points."""
-    return np.stack([points.min(axis=0), points.max(axis=0)]) if len(points) else np.zeros((0, 3))
+    if not len(points):
+        return np.zeros((0, 3))
+    # Column by column: a reduction over the rows of three columns takes fifteen times as long.
+    return np.array([[column.min() for column in points.T], [column.max() for column in points.T]])
 
 
 def instance_bounds(geometry: Geometry, instances: NDArray) -> Floats:
@@ -68,10 +71,11 @@ def instance_bounds(geometry: Geometry, instances: NDArray) -> Floats:
     |M| (|c| + h) + |translation|, are added.
     """
     boxes = np.zeros((len(geometry.mesh_first), 2, 3))
-    for mesh, (first, count) in enumerate(zip(geometry.mesh_first, geometry.mesh_count, strict=True)):
+    for mesh in np.unique(geometry.instance_mesh[instances]):
+        first, count = geometry.mesh_first[mesh], geometry.mesh_count[mesh]
         if count:
             used = geometry.positions[geometry.triangles[first : first + count].ravel()]
-            boxes[mesh] = _extremes(used)
+            boxes[mesh] = extremes(used)
     box = boxes[geometry.instance_mesh[instances]]  # (k, 2, 3)
     matrix = geometry.world_from_object[instances]
     linear, translation = matrix[:, :3, :3], matrix[:, :3, 3]
