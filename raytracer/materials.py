@@ -20,7 +20,7 @@ from raytracer.closures import SCATTERING, Closures, Points, Shading, TiltedDiff
 from raytracer.computed import Columns, ComputedMaterials, Recipes, compute_columns, make_computed_materials
 from raytracer.frames import normalize
 from raytracer.microfacet import Microfacets
-from raytracer.rays import Floats, Integers, Surface
+from raytracer.rays import Booleans, Floats, Integers, Surface
 from raytracer.scene import CLOSURE_KINDS, Closure, Scene
 from raytracer.sites import LightPath, SiteTables
 
@@ -34,6 +34,7 @@ class MaterialTable:
     radiance : (materials, 3) float64, that the material's surface shines with; NaN where a program computes it
     transparency : (materials, 3) float64, share of light that passes straight through; NaN likewise
     pass_index : (materials,) int32
+    stops_light : (materials,) bool, True where nothing passes through to cast light
     computed : None where all materials are constant
     """
 
@@ -42,6 +43,7 @@ class MaterialTable:
     radiance: Floats
     transparency: Floats
     pass_index: Integers
+    stops_light: Booleans
     computed: ComputedMaterials | None = None
 
 
@@ -66,6 +68,7 @@ def make_material_table(scene: Scene, sites: SiteTables | None = None) -> Materi
         radiance=_sum_colors(kept, _radiance_of),
         transparency=_sum_colors(kept, _transparency_of),
         pass_index=np.array([material.pass_index for material in scene.materials], dtype=np.int32),
+        stops_light=np.array([not material.transparent_shadow for material in scene.materials], dtype=np.bool_),
         computed=None if sites is None else make_computed_materials(kept, scene, sites),
     )
 
@@ -136,9 +139,10 @@ def find_radiance(table: MaterialTable, surface: Surface, path: LightPath | None
 
 
 def find_transparency(table: MaterialTable, surface: Surface, path: LightPath | None = None) -> Floats:
-    """Return the share of light that passes straight through n points of a surface, (n, 3)."""
+    """Return the share of light (n, 3) that shadow rays bring straight through n points of a surface."""
     recipes = table.computed.transparency if table.computed else {}
-    return _sum_parts(table, recipes, surface, path, table.transparency, _transparency_of)
+    share = _sum_parts(table, recipes, surface, path, table.transparency, _transparency_of)
+    return np.where(table.stops_light[surface.material, np.newaxis], 0.0, share)
 
 
 def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None = None) -> Shading:

@@ -228,12 +228,14 @@ class Material:
     """A named sum of weighted closures; no closures at all is black.
 
     program : computes the parameters that are Registers; None where all are constant
+    transparent_shadow : False stops light all the same where the surface is transparent
     """
 
     closures: Sequence[Closure] = ()
     pass_index: int = 0
     name: str = ""
     program: Program | None = None
+    transparent_shadow: bool = True
 
     def __post_init__(self) -> None:
         _set(self, "closures", tuple(self.closures))

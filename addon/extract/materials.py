@@ -271,7 +271,13 @@ def extract_material(material: Any, object_name: str, images: ImageTable, warnin
     else:
         closures = read_output(versions.find_output_node(node_tree), builder)
     program = find_program(closures, builder)
-    return raytracer.Material(closures, pass_index=material.pass_index, name=material.name, program=program)
+    return raytracer.Material(
+        closures,
+        pass_index=material.pass_index,
+        name=material.name,
+        program=program,
+        transparent_shadow=material.use_transparent_shadow,
+    )
 
 
 def find_program(closures: Sequence[raytracer.Closure], builder: ProgramBuilder) -> Program | None:

@@ -139,6 +139,7 @@ def warn_occlusion(builder: ProgramBuilder, node: Any, groups: Groups, output: s
 
 READERS: dict[str, Reader] = {
     **{f"ATTRIBUTE {output}": read_attribute_name for output in ("Vector", "Fac", "Alpha")},
+    "VERTEX_COLOR Alpha": read_attribute_name,
     "TEX_COORD Object": read_object,
     "TEX_IMAGE": read_image_settings,
     "VALTORGB": read_ramp,

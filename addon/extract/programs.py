@@ -180,7 +180,6 @@ MISSING_INPUTS: dict[str, Value] = {"Filter Width": 1.0}
 ALIASES = {
     "ATTRIBUTE Color": "ATTRIBUTE Vector",
     "VERTEX_COLOR Color": "ATTRIBUTE Vector",
-    "VERTEX_COLOR Alpha": "ATTRIBUTE Alpha",
     "UVMAP UV": "ATTRIBUTE Vector",
     "TEX_COORD Generated": "ATTRIBUTE Vector",
     "TEX_COORD UV": "ATTRIBUTE Vector",

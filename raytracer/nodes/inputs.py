@@ -46,6 +46,11 @@ def read_alpha(site: Site, *, name: str) -> Array:
     return np.where(site.attribute_width(name) == 4, site.read_attribute(name)[:, 3], 1.0)
 
 
+def read_color_alpha(site: Site, *, name: str) -> Array:
+    """`read_alpha`, but 0 where there is no attribute, as Color Attribute has it."""
+    return np.where(site.has_attribute(name), read_alpha(site, name=name), 0.0)
+
+
 def name_of(settings: Mapping[str, Any]) -> tuple[str, ...]:
     return (settings["name"],)
 
@@ -125,6 +130,7 @@ OPERATIONS = {
     "ATTRIBUTE Vector": _attribute(read_vector, "Vector"),
     "ATTRIBUTE Fac": _attribute(read_factor, "Fac"),
     "ATTRIBUTE Alpha": _attribute(read_alpha, "Alpha"),
+    "VERTEX_COLOR Alpha": _attribute(read_color_alpha, "Alpha"),
     "TEX_COORD Normal": _read(lambda site: site.normal_to_object(site.normal), "Normal"),
     "TEX_COORD Object": Operation(read_object_coordinates, (), ("Object",), ("object_from_world",), reads_site=True),
     "TEX_COORD Camera": _read(lambda site: site.to_camera(site.position), "Camera"),

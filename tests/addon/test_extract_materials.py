@@ -340,6 +340,13 @@ def test_material_override_of_the_view_layer(tree: Any) -> None:
     assert extract_material().name == "Override"
 
 
+def test_transparent_shadows_are_the_materials_choice(tree: Any) -> None:
+    material = bpy.data.materials["Material"]
+    for choice in (True, False):
+        material.use_transparent_shadow = choice
+        assert extract_material().transparent_shadow == choice
+
+
 def test_no_world_is_black(shown: Any) -> None:
     assert bpy.context.scene.world is None
     assert extract().scene.world is None

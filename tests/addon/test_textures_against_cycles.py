@@ -142,6 +142,20 @@ def test_a_textured_plane_lights_the_scene_as_in_cycles() -> None:
     assert_pictures_agree(scene, samples=16)
 
 
+def test_a_pane_without_transparent_shadow_stops_the_light_as_in_cycles() -> None:
+    make_stage()
+    add_lamp("POINT", {"shadow_soft_size": 0.0}, location=(0.2, 0.3, 3.0), power=300.0)
+    material = make_material(lambda tree: shader(tree, "Transparent", Color=noise(tree, output="Color")))
+    building.link_object("Pane", building.make_plane("Pane", 2, 2), (0, 0, 1.5), materials=[material])
+    seen = {}
+    for choice in (False, True):
+        material.use_transparent_shadow = choice
+        ours, cycles = render_centres(96, 72)[0], render_cycles(96, 72)
+        assert np.quantile(np.abs(ours - cycles).max(axis=2), 1.0 - BORDER_SHARE) < 2e-3
+        seen[choice] = ours
+    assert np.abs(seen[True] - seen[False]).max() > 0.1
+
+
 @pytest.mark.slow
 @SAME_FADING
 def test_normal_maps_agree_under_a_lamp() -> None:
