@@ -117,6 +117,15 @@ def edge_error_of_ray(slope: Floats, reach: Floats) -> Floats:
     return EDGE_BOUND * (1 + 4 * UNIT_ROUNDOFF) * 2 * steep[0] * steep[1] * reach * reach + UNDERFLOW * (1 + 8 * reach)
 
 
+def plane_distance(direction: Floats, relative: Floats, side_b: Floats, side_c: Floats) -> Floats:
+    """t = T / D as `intersect_plane_certified`, without bounds; NaN where D = 0."""
+    normal = cross(side_b, side_c)
+    denominator = dot(direction, normal)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        t = dot(relative, normal) / denominator
+    return np.where(denominator != 0, t, np.nan)
+
+
 class PlaneHit(NamedTuple):
     """Where rays meet the planes of triangles: t = T / D, each with its error bound, all (n,)."""
 
@@ -142,12 +151,23 @@ def intersect_plane_certified(direction: Floats, relative: Floats, side_b: Float
     denominator_error = np.where(safe, DENOMINATOR_BOUND * denominator_permanent, np.inf)
     # A numerator that underflows to nothing belongs to t = 0 within SMALLEST_PERMANENT / |D|, which is added.
     numerator_error = NUMERATOR_BOUND * numerator_permanent + SMALLEST_PERMANENT
+    on_plane = np.flatnonzero(numerator == 0)
+    if len(on_plane):
+        nothing = _is_nothing(relative[:, on_plane], side_b[:, on_plane], side_c[:, on_plane])
+        numerator_error[on_plane[nothing]] = 0.0
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         t = numerator / denominator
         room = np.abs(denominator) - denominator_error
         error = (numerator_error + np.abs(t) * denominator_error) / room + UNIT_ROUNDOFF * np.abs(t)
         error = np.where(room > 0, error * (1 + 8 * UNIT_ROUNDOFF), np.inf)
     return PlaneHit(t, error, denominator, denominator_error)
+
+
+def _is_nothing(relative: Floats, side_b: Floats, side_c: Floats) -> Booleans:
+    """(n,) True where every product in (a - o) . N has a factor 0: the origin is in the triangle's axis plane."""
+    flat_b, flat_c, following, preceding = side_b == 0, side_c == 0, [1, 2, 0], [2, 0, 1]
+    flat = (flat_b[following] | flat_c[preceding]) & (flat_b[preceding] | flat_c[following])
+    return np.asarray((flat | (relative == 0)).all(axis=0))
 
 
 class SphereRoots(NamedTuple):

@@ -83,27 +83,25 @@ def passes_through(origin: Floats, direction: Floats, point: Floats) -> NDArray[
     return np.asarray(parallel & in_range & (_unit(relative) + _unit(direction) >= _LOWEST_BIT))
 
 
-def triangle_distance(
-    origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats, t: Floats
-) -> tuple[Floats, Floats]:
-    """Return t = T / D of hits and a bound on its error, (n,) each, from a first guess t0 = `t`.
+def triangle_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
+    """Return t = T / D of hits and a bound on its error, (n,) each.
 
-    First by `_correct_distance`; where that bound is wider than a few ulps (triangles that are large beside their
+    First by `correct_distance`; where that bound is wider than a few ulps (triangles that are large beside their
     distance, or seen nearly edge-on) from the determinants in pairs. The bound is infinite where pairs do not suffice.
     """
-    refined, error = _correct_distance(origin, direction, a, b, c, t)
+    refined, error = correct_distance(origin, direction, a, b, c)
     wide = np.flatnonzero(~(error <= _WIDE * _half_ulp(refined)))
     if len(wide):
         vectors = (vector[:, wide] for vector in (origin, direction, a, b, c))
-        refined[wide], error[wide] = _divide_determinants(*vectors)
+        divided, divided_error = divide_determinants(*vectors)
+        better = ~(error[wide] <= divided_error)
+        refined[wide[better]], error[wide[better]] = divided[better], divided_error[better]
     return refined, error
 
 
 @np.errstate(all="ignore")
-def _correct_distance(
-    origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats, t: Floats
-) -> tuple[Floats, Floats]:
-    """One correction of t0 by the residual: with w = a - o - t0 d, t - t0 = (N . w) / D exactly.
+def correct_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
+    """t0 = T / D in float64 and one correction by the residual: with w = a - o - t0 d, t - t0 = (N . w) / D exactly.
 
     w is no longer than the triangle, so the roundings of N count in proportion to |w| only, not to the distance
     (iterative refinement: Higham 2002, chapter 12). a - o and t0 d are exact as pairs (s, e) and (p, f):
@@ -113,12 +111,13 @@ def _correct_distance(
         error of N . w  <=  gamma(10) Q . |w| + 5 u^2 Q . (|s| + |p|) + underflow.
     """
     start, start_rest = dd.two_difference(a, origin)
-    way, way_rest = dd.two_product(t, direction)
-    residual = (start - way) + (start_rest - way_rest)
     side_b, side_c = b - a, c - a
     normal = predicates.cross(side_b, side_c)
     sizes = predicates.cross_permanent(np.abs(side_b), np.abs(side_c))
     denominator = predicates.dot(direction, normal)
+    t = predicates.dot(start, normal) / denominator
+    way, way_rest = dd.two_product(t, direction)
+    residual = (start - way) + (start_rest - way_rest)
     denominator_error = predicates.DENOMINATOR_BOUND * predicates.dot(np.abs(direction), sizes)
     room = np.abs(denominator) - denominator_error
     lengths = np.abs(residual)
@@ -133,7 +132,7 @@ def _correct_distance(
     return refined, np.where(usable, error, np.inf)
 
 
-def _divide_determinants(origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
+def divide_determinants(origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
     """Return t = T / D and a bound on its error, (n,) each; the bound is infinite outside `_in_range`.
 
     First t from the determinants' high parts, then one correction (T - t D) / D in pairs: what remains is the

@@ -13,12 +13,14 @@ import numpy as np
 import raytracer
 from raytracer.accelerate.brute_force import offer_all
 from raytracer.accelerate.hierarchy import build_hierarchy
+from raytracer.accelerate.matrix_form import MatrixForm
 from raytracer.accelerate.traverse import offer_traversed
 from tests.exact_numbers import is_within
 from tests.exact_oracle import pack_scene
 
 ACCELERATORS = {
     "brute_force": lambda primitives: offer_all,
+    "matrix_form": MatrixForm,
     "bvh": lambda primitives: partial(offer_traversed, build_hierarchy(primitives)),
 }
 
@@ -26,7 +28,7 @@ ACCELERATORS = {
 def build_with(accelerator, scene, precision="certified"):
     """Return raytracer.build(scene) with the named accelerator, also where the scene is too small to deserve it."""
     caster = raytracer.build(scene, precision=precision)
-    return replace(caster, offer=ACCELERATORS[accelerator](caster.primitives))
+    return replace(caster, offer=ACCELERATORS[accelerator](caster.primitives), smallest_pencil=None)
 
 
 def mesh_scene(*meshes, **content):

@@ -1,8 +1,8 @@
 """The public caster: arrays of rays in, closest hits or occlusion out.
 
 `build` packs a scene's geometry once; a Caster answers any number of batches. How candidates are found changes no
-result: by `project` where many rays share a point or a direction, else by `traverse`, by `brute_force` among a handful
-of primitives. Decisions are made in `search`.
+result: by `project` where many rays share a point or a direction, else by `traverse`, by `matrix_form` among a few
+dozen triangles. Decisions are made in `search`.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raytracer.accelerate.brute_force import offer_all
 from raytracer.accelerate.crossings import CrossingSearch
 from raytracer.accelerate.geometry import Geometry, pack_geometry
 from raytracer.accelerate.hierarchy import Hierarchy, build_hierarchy, choose_flattened
+from raytracer.accelerate.matrix_form import MatrixForm
 from raytracer.accelerate.pencil import Pencil, Rows, find_pencil, make_views
 from raytracer.accelerate.primitives import PRECISIONS, Primitives, make_primitives
 from raytracer.accelerate.project import offer_projected
@@ -33,8 +33,8 @@ BATCH_RAYS = 1 << 16
 PENCIL_RAYS = 1 << 18
 # Rays of a call that are looked at together.
 CALL_RAYS = 1 << 20
-# Up to this many primitives, testing all of them is quicker than a tree.
-BRUTE_FORCE_LIMIT = 8
+# Up to this many triangles and spheres, looking at all of them is quicker than a tree.
+MATRIX_TRIANGLES, MATRIX_SPHERES = 128, 8
 # With fewer rays than this share of the triangles, and than this many, a tree is quicker than projection.
 PENCIL_SHARE, SMALLEST_PENCIL = 0.25, 4096
 
@@ -180,8 +180,9 @@ def build(scene: Scene, precision: str = "certified") -> Caster:
     require_choice(precision, PRECISIONS, "build: precision")
     geometry = pack_geometry(scene)
     primitives = make_primitives(geometry, precision, choose_flattened(geometry))
-    if geometry.first_id[-1] <= BRUTE_FORCE_LIMIT:
-        return Caster(scene, primitives, offer_all)
+    sphere_count = len(geometry.radii)
+    if sphere_count <= MATRIX_SPHERES and geometry.sphere_id <= MATRIX_TRIANGLES:
+        return Caster(scene, primitives, MatrixForm(primitives), SMALLEST_PENCIL)
     smallest_pencil = None
     if primitives.flattened.all():
         smallest_pencil = max(SMALLEST_PENCIL, int(PENCIL_SHARE * len(primitives.corners)))

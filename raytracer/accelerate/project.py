@@ -49,11 +49,12 @@ SMALL_CELLS = 16
 
 
 class Pairs(NamedTuple):
-    """Rays, by place in the screen's order, and primitives that may meet; nearness at most `most`."""
+    """Rays, by place in the screen's order, and primitives that may meet, nearness at most `most`, or certainly do."""
 
     place: NDArray[np.int32]
     primitive_id: Ids
     most: NDArray[np.float32]
+    certain: Booleans
 
 
 @np.errstate(all="ignore")
@@ -226,6 +227,7 @@ class Laying:
         index = np.flatnonzero((inside >= -rows[EDGE_TOLERANCE]) & (most >= limit))
         place, item, most = place[index], item[index], most[index]
         ids = self.primitive_id.take(chosen.take(item))
+        certain = np.zeros(len(index), bool)
         if self.hides:
             least = np.maximum(near[index] - rows[NEAR_TOLERANCE][index], rows[ROW_LEAST][index])
             certain = inside[index] > rows[EDGE_TOLERANCE][index]
@@ -236,17 +238,20 @@ class Laying:
                 self.search.settle(screen.ray.take(place[sure]), ids[sure])
             else:
                 np.maximum.at(screen.limit, place[sure], least[sure])
-        self.kept.append(Pairs(place, ids, most))
+        self.kept.append(Pairs(place, ids, most, certain))
 
     def _offer(self) -> None:
-        """Offer what is still near enough."""
+        """Offer what is still near enough; a ray's only candidate that is certain needs no further look."""
         if not self.kept:
             return
-        place, ids, most = (np.concatenate(column) for column in zip(*self.kept, strict=True))
+        place, ids, most, certain = (np.concatenate(column) for column in zip(*self.kept, strict=True))
         index = np.flatnonzero(most >= self.screen.limit.take(place))
-        ray, ids = self.screen.ray.take(place[index]), ids[index]
-        for part in _blocks(len(index)):
-            self.search.offer(ray[part], ids[part])
+        place, ids = place[index], ids[index]
+        certain = certain[index] & (np.bincount(place, minlength=len(self.screen.ray)).take(place) == 1)
+        ray, clear, rest = self.screen.ray.take(place), np.flatnonzero(certain), np.flatnonzero(~certain)
+        self.search.settle(ray[clear], ids[clear])
+        for part in _blocks(len(rest)):
+            self.search.offer(ray[rest[part]], ids[rest[part]])
 
     def _make_rows(self, chosen: NDArray[np.intp]) -> NDArray[np.float32]:
         """(k, 16) float32 rows of triangles of the projection."""

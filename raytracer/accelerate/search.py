@@ -58,6 +58,10 @@ class Candidates(NamedTuple):
         return self.select(np.lexsort((self.primitive_id, self.ray)))
 
 
+def _join(parts: list[Candidates]) -> Candidates:
+    return Candidates(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
 class Search:
     """The state of a batch of n valid rays.
 
@@ -82,6 +86,7 @@ class Search:
         self.best = np.where(self.t_min <= rays.t_max, rays.t_max, -np.inf)
         self.best_id = np.full(len(rays), NO_ID)
         self.pool: list[Candidates] = []
+        self.settled: list[Candidates] = []
         self.exact_count = 0
 
     def _by_axis(self, ray: Indices) -> Iterator[tuple[int, Any]]:
@@ -122,8 +127,12 @@ class Search:
         return centre[TURNS[axis]], radius
 
     def settle(self, ray: Indices, primitive_id: Ids) -> None:
-        """Take in hits of an any-hit search that are certain already."""
-        self.best[ray], self.best_id[ray] = -np.inf, primitive_id
+        """Take in triangles that are certainly hit; if the closest are asked for, the only candidates of their rays."""
+        if self.any_hit:
+            self.best[ray], self.best_id[ray] = -np.inf, primitive_id
+        else:
+            nothing = np.full(len(ray), np.nan)
+            self.settled.append(Candidates(ray, primitive_id, nothing, nothing, np.ones(len(ray), bool)))
 
     @np.errstate(over="ignore", invalid="ignore")
     def offer(self, ray: Indices, primitive_id: Ids) -> Indices:
@@ -154,11 +163,7 @@ class Search:
         direction, relative = lines[3:6], corners[0] - lines[:3]
         side_b, side_c = corners[1] - corners[0], corners[2] - corners[0]
         if not self.certified:
-            normal = predicates.cross(side_b, side_c)
-            denominator = predicates.dot(direction, normal)
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                t = predicates.dot(relative, normal) / denominator
-            return self._accept(ray, primitive_id, np.where(denominator != 0, t, np.nan))
+            return self._accept(ray, primitive_id, predicates.plane_distance(direction, relative, side_b, side_c))
         plane = predicates.intersect_plane_certified(direction, relative, side_b, side_c)
         possible = np.ones(len(ray), dtype=bool)
         doubtful = np.flatnonzero(~inside)
@@ -220,7 +225,7 @@ class Search:
         if not self.pool:
             nothing = np.zeros(0)
             return Candidates(nothing.astype(np.intp), nothing.astype(np.int64), nothing, nothing, nothing > 0)
-        everything = Candidates(*(np.concatenate(column) for column in zip(*self.pool, strict=True)))
+        everything = _join(self.pool)
         return everything.select(np.flatnonzero(everything.low <= self.best.take(everything.ray)))
 
     def found_any(self) -> Booleans:
@@ -246,21 +251,21 @@ class Search:
             valid=np.ones(count, dtype=bool),
         )
         if self.certified:
-            self._close_certified(hits)
+            self._close_certified()
         else:
             ray = np.flatnonzero(self.best_id != NO_ID)
-            hits.distance[ray], hits.distance_error[ray] = self.best[ray], np.nan
-            self._measure(hits, ray, self.best_id[ray], self.best[ray])
+            self.settle(ray, self.best_id[ray])
+        if self.settled:
+            self._measure_all(hits, _join(self.settled))
         return hits
 
-    def _close_certified(self, hits: Hits) -> None:
-        """Choose each ray's first candidate, then measure all hits alike: how one was chosen leaves no trace."""
+    def _close_certified(self) -> None:
+        """Choose the first of each ray's candidates that are left."""
         left = self._remaining()
         alone = np.bincount(left.ray, minlength=len(self.rays)).take(left.ray) == 1
         clear = left.certain & alone
         decided = self._choose(left.select(np.flatnonzero(~clear)).sort())
-        self._measure_all(hits, left.select(np.flatnonzero(clear)))
-        self._measure_all(hits, decided)
+        self.settled += [left.select(np.flatnonzero(clear)), decided]
 
     def _choose(self, left: Candidates) -> Candidates:
         """The first of each ray's candidates, sorted; rays that hit none are left out."""
@@ -271,10 +276,12 @@ class Search:
         return left.select(chosen[chosen >= runs[:, 0]])
 
     def _measure_all(self, hits: Hits, chosen: Candidates) -> None:
-        """Fill in the hits of rays with their one chosen candidate each."""
+        """Fill in the hits of rays with their one chosen candidate each; how it was chosen leaves no trace."""
         for start in range(0, len(chosen.ray), MEASURE_BLOCK):
             block = chosen.select(slice(start, start + MEASURE_BLOCK))
             self._measure(hits, block.ray, block.primitive_id, block.t)
+            if not self.certified:
+                continue
             for k in np.flatnonzero(~(block.certain & np.isfinite(hits.distance_error[block.ray]))):
                 ray, decision = block.ray[k], self._decide(block, k, k + 1)
                 hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
@@ -339,18 +346,25 @@ class Search:
         corners = self._turned_corners(primitive_id, axis)
         edges = predicates.edge_functions(*(predicates.shear(p - lines[:3], lines[6:]) for p in corners))
         weights = np.stack(edges[1:], axis=1) / (edges[0] + edges[1] + edges[2])[:, None]
-        hits.barycentric[ray] = np.clip(np.nan_to_num(weights), 0.0, 1.0)
+        hits.barycentric[ray] = np.clip(np.nan_to_num(weights, copy=False), 0.0, 1.0, out=weights)
+        hits.distance[ray], hits.distance_error[ray] = self._measure_distance(lines, corners)
+
+    def _measure_distance(self, lines: Floats, corners: NDArray) -> tuple[Floats, Floats]:
         if self.certified:
-            hits.distance[ray], hits.distance_error[ray] = refine.triangle_distance(
-                lines[:3], lines[3:6], corners[0], corners[1], corners[2], t
-            )
+            return refine.triangle_distance(lines[:3], lines[3:6], corners[0], corners[1], corners[2])
+        t = predicates.plane_distance(
+            lines[3:6], corners[0] - lines[:3], corners[1] - corners[0], corners[2] - corners[0]
+        )
+        return t, np.full_like(t, np.nan)
 
     def _measure_spheres(
         self, hits: Hits, ray: Indices, lines: Floats, primitive_id: Ids, t: Floats, axis: int
     ) -> None:
-        if self.certified:
-            sphere = self._turned_spheres(primitive_id, axis)
-            hits.distance[ray], hits.distance_error[ray] = refine.sphere_distance(lines[:3], lines[3:6], *sphere, t)
+        if not self.certified:
+            hits.distance[ray], hits.distance_error[ray] = self.best[ray], np.nan
+            return
+        sphere = self._turned_spheres(primitive_id, axis)
+        hits.distance[ray], hits.distance_error[ray] = refine.sphere_distance(lines[:3], lines[3:6], *sphere, t)
 
 
 def _main_axis(directions: Floats) -> NDArray[np.int8]:

@@ -231,3 +231,22 @@ def test_boxes_of_the_tree_are_rounded_outward(rng):
                 exact = (Fraction(box[axis]) - Fraction(frame.centre[axis])) / unit
                 # One rounding of the difference, to float64, is left to the rays' pad.
                 assert outward * (Fraction(row[axis]) - exact) >= -abs(exact) / 2**53
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_rays_that_start_in_an_axis_plane_need_no_integers(rng, axis):
+    """Rays from points of a floor: they hit it at t = 0, from either side, unless the range begins later."""
+    turn = np.roll([0, 1, 2], axis)
+    floor, triangles = meshes.make_quad(3.0)
+    floor[:, 2] = 0.1
+    caster = build_with("bvh", mesh_scene((floor[:, turn], triangles)))
+    origins = np.column_stack([rng.uniform(-2, 2, (200, 2)), np.full(200, 0.1)])[:, turn]
+    directions = rng.normal(size=(200, 3))
+    search = Search(caster.primitives, make_rays(origins, directions), any_hit=False)
+    caster.offer(search)
+    assert search.closest().hit.any()
+    assert search.exact_count == 0
+    judge(caster, origins, directions)
+    judge(caster, origins, directions, t_min=1e-300)
+    # A plane that is off by the least there is: t = 0 is not certain, and not the answer.
+    judge(caster, np.nextafter(origins, np.inf), directions)

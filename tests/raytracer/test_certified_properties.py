@@ -70,11 +70,11 @@ def assert_same_distances(hits, expected):
 @given(scenes_and_rays())
 def test_hits_of_generated_scenes_equal_exact_arithmetic(generated):
     scene, rays = make_scene(*generated[:3]), generated[3:]
-    brute_force, tree = (build_with(name, scene) for name in ACCELERATORS)
-    hits = tree.closest_hit(*rays)
-    judge_hits(tree, hits, *rays)
-    assert_same_hits(brute_force.closest_hit(*rays), hits)
-    for caster in (brute_force, tree):
+    casters = [build_with(name, scene) for name in ACCELERATORS]
+    hits = casters[0].closest_hit(*rays)
+    judge_hits(casters[0], hits, *rays)
+    for caster in casters:
+        assert_same_hits(caster.closest_hit(*rays), hits)
         np.testing.assert_array_equal(caster.any_hit(*rays), hits.hit)
         np.testing.assert_array_equal(caster.crossings(*rays), exact_oracle.crossings(*rays, generated[0]))
 

@@ -75,9 +75,10 @@ def test_plane_distance_is_within_its_bound(rng, size, flatness):
     plane = predicates.intersect_plane_certified(
         direction, corners[0] - origin, corners[1] - corners[0], corners[2] - corners[0]
     )
-    # Without a guess the determinants decide; a guess that is off by a millionth is corrected once.
-    guesses = np.full_like(plane.t, np.nan), plane.t, plane.t * (1 + 1e-6)
-    refined = [refine.triangle_distance(origin, direction, *corners, guess) for guess in guesses]
+    refined = [
+        compute(origin, direction, *corners)
+        for compute in (refine.triangle_distance, refine.correct_distance, refine.divide_determinants)
+    ]
     bounded = 0
     for k in range(origin.shape[1]):
         true = exact_plane_distance(origin[:, k], direction[:, k], corners[:, :, k])
@@ -95,9 +96,7 @@ def test_corrected_distance_is_within_its_bound(rng):
     corners[1:] = corners[0] + 0.01 * (corners[1:] - corners[0])
     aim = np.einsum("kn,kin->in", rng.dirichlet(np.ones(3), size=corners.shape[2]).T, corners)
     direction = aim - origin
-    sides = corners[1:] - corners[0]
-    guess = predicates.intersect_plane_certified(direction, corners[0] - origin, *sides).t
-    t, error = refine._correct_distance(origin, direction, *corners, guess)
+    t, error = refine.correct_distance(origin, direction, *corners)
     offs = []
     for k in range(len(t)):
         off = abs(Fraction(float(t[k])) - exact_plane_distance(origin[:, k], direction[:, k], corners[:, :, k]))
@@ -129,7 +128,7 @@ def exact_plane_distance(origin, direction, corners):
 
 def test_refined_distance_is_half_an_ulp_on_well_shaped_triangles(rng):
     origin, direction, corners = make_cases(rng, 1.0, 1.0)
-    t, error = refine.triangle_distance(origin, direction, *corners, np.full(corners.shape[2], np.nan))
+    t, error = refine.divide_determinants(origin, direction, *corners)
     assert np.median(error / np.spacing(np.abs(t))) <= 0.51
 
 

@@ -1,0 +1,126 @@
+"""Candidates among a few dozen triangles: all edge functions of all rays as one matrix product.
+
+With Pluecker coordinates of the ray, (d, m) with moment m = o x d, the edge function of a line through p and q is
+
+    E(p, q) = d . ((p - o) x (q - o)) = d . (p x q) + m . (q - p),
+
+six products a triangle's edge and ray (K. Shoemake, "Pluecker coordinate tutorial", Ray Tracing News, 1998). In
+float32, in the scene's frame, coordinates are at most 1 and in every component |p x q| <= 2, |q - p| <= 2, |d| <= 1 and
+|m| <= 2 |o|: E is off by at most gamma32(8) (3 * 2 + 3 * 2 * 2 |o|), and what is outside by more is dropped. Distances
+of the pairs that are left are float64; a certain hit that is a ray's only candidate is settled, the rest decided by
+`search`.
+Imports `bvh` (frames), `primitives`, `search`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.accelerate.bvh import make_frame
+from raytracer.accelerate.primitives import Primitives, gather_corners
+from raytracer.accelerate.search import Search
+from raytracer.predicates import UNDERFLOW, cross, dot, gamma
+from raytracer.rays import Floats
+
+FLOAT32_ROUNDOFF = 2.0**-24
+# Edge functions held at a time: they stay in the cache.
+BLOCK_VALUES = 1 << 18
+# Roundings of a normal and its offset from the frame's, relative to the triangle's extent, generously (gamma(32)).
+NORMAL_ROUNDOFF = 2.0**-48
+# Columns of a plane: unit-sized normal, offset, bound on the error of each.
+PLANE_COLUMNS = 5
+
+
+class MatrixForm:
+    """Offers a search the triangles that rays may hit, found by a product, and every sphere."""
+
+    def __init__(self, primitives: Primitives) -> None:
+        count = primitives.geometry.sphere_id
+        self.frame = make_frame(*primitives.bounds)
+        corners = gather_corners(primitives, np.arange(count)).reshape(3, 3, count).astype(np.float64, copy=False)
+        corners = np.ldexp(corners - self.frame.centre[:, np.newaxis], self.frame.exponent)
+        pairs = [(corners[1], corners[2]), (corners[2], corners[0]), (corners[0], corners[1])]
+        edges = [np.concatenate([cross(p, q), q - p]).T for p, q in pairs]
+        self.edges = np.concatenate(edges).astype(np.float32)  # (3 t, 6)
+        self.planes = _make_planes(corners)  # (t, 5)
+        self.sphere_ids = np.arange(count, primitives.geometry.first_id[-1])
+
+    @np.errstate(all="ignore")
+    def __call__(self, search: Search) -> None:
+        """Offer a search all primitives that its rays may hit."""
+        size = max(256, BLOCK_VALUES // max(1, len(self.edges)))
+        for start in range(0, len(search.rays), size):
+            ray = np.arange(start, min(start + size, len(search.rays)))
+            if len(self.edges):
+                self._offer_triangles(search, ray)
+            if len(self.sphere_ids):
+                search.offer(np.repeat(ray, len(self.sphere_ids)), np.tile(self.sphere_ids, len(ray)))
+
+    def _offer_triangles(self, search: Search, ray: NDArray[np.intp]) -> None:
+        block = slice(ray[0], ray[-1] + 1)
+        origin = np.ldexp(search.rays.origins[block] - self.frame.centre, self.frame.exponent).T
+        direction = search.rays.directions[block].T
+        length = np.frexp(np.maximum(np.maximum(*np.abs(direction[:2])), np.abs(direction[2])))[1]
+        direction = np.ldexp(direction, -length)
+        triangle, lane, inside = self._find_pairs(origin, direction)
+        if not search.narrows:
+            search.offer(lane + block.start, triangle)
+            return
+        t, error = _meet_planes(self.planes.take(triangle, axis=0).T, origin[:, lane], direction[:, lane])
+        unit = -(self.frame.exponent + length[lane])
+        low, high = np.ldexp(t - error, unit) - UNDERFLOW, np.ldexp(t + error, unit) + UNDERFLOW
+        ray = lane + block.start
+        possible = np.flatnonzero(~((high < search.t_min[ray]) | (low > search.best[ray])))
+        ray, triangle, low, high = ray[possible], triangle[possible], low[possible], high[possible]
+        certain = inside[possible] & (low >= search.t_min[ray]) & (high <= search.best[ray])
+        if not search.any_hit:
+            best = search.best[block].copy()
+            np.minimum.at(best, ray[certain] - block.start, high[certain])
+            near = np.flatnonzero(~(low > best[ray - block.start]))
+            ray, triangle, certain = ray[near], triangle[near], certain[near]
+            alone = np.bincount(ray - block.start, minlength=len(best))[ray - block.start] == 1
+            certain &= alone & (len(self.sphere_ids) == 0)
+        search.settle(ray[certain], triangle[certain])
+        rest = np.flatnonzero(~certain & (search.best[ray] > -np.inf))
+        search.offer(ray[rest], triangle[rest])
+
+    def _find_pairs(self, origin: Floats, direction: Floats) -> tuple[NDArray, NDArray, NDArray]:
+        """Triangles and rays, by index, whose line may pass inside, and whether it certainly does."""
+        lines = np.concatenate([direction, cross(origin, direction)]).astype(np.float32)
+        edges = (self.edges @ lines).reshape(3, -1, lines.shape[1])
+        highest = np.maximum(np.maximum(edges[0], edges[1]), edges[2])
+        lowest = np.minimum(np.minimum(edges[0], edges[1]), edges[2])
+        farthest = np.maximum(np.maximum(*np.abs(origin[:2])), np.abs(origin[2]))
+        tolerance = (gamma(9, FLOAT32_ROUNDOFF) * (6 + 12 * farthest)).astype(np.float32)
+        pair = np.flatnonzero(~((highest > tolerance) & (lowest < -tolerance)))
+        triangle, lane = np.divmod(pair, lines.shape[1])
+        tolerance = tolerance[lane]
+        inside = (lowest.ravel()[pair] > tolerance) | (highest.ravel()[pair] < -tolerance)
+        return triangle, lane, inside
+
+
+def _make_planes(corners: Floats) -> Floats:
+    """(t, 5) normal scaled to a largest component of 1, offset a . N and the error of both, of corners (3, 3, t)."""
+    side_b, side_c = corners[1] - corners[0], corners[2] - corners[0]
+    normal = cross(side_b, side_c)
+    with np.errstate(all="ignore"):
+        size = np.abs(normal).max(axis=0)
+        normal = normal / size
+        extent = np.maximum(np.abs(side_b).max(axis=0), np.abs(side_c).max(axis=0))
+        error = NORMAL_ROUNDOFF * (1 + extent / size)
+    return np.stack([*normal, dot(corners[0], normal), error], axis=1)
+
+
+def _meet_planes(planes: Floats, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:
+    """t = (k - o . N) / (d . N) of planes (5, k) in the frame, and a bound on its error; infinite where there is none.
+
+    N and k are off by e in each component: d . N by 3 e, k - o . N by (3 + 3 |o|) e, with |d|, |a| <= 1.
+    """
+    normal, offset, error = planes[:3], planes[3], planes[4]
+    denominator = dot(direction, normal)
+    t = (offset - dot(origin, normal)) / denominator
+    reach = 1 + np.maximum(np.maximum(*np.abs(origin[:2])), np.abs(origin[2]))
+    room = np.abs(denominator) - 4 * error
+    bound = 4 * error * (reach + np.abs(t)) / room
+    return t, np.where(room > 0, bound, np.inf)
