@@ -44,13 +44,15 @@ FAR = 4.0
 SMALLEST_START = 2.0**-900
 # Columns of a row: origin + pad, origin - pad, reciprocal, unit direction, tolerance, t_row per unit of the latter.
 ROW_COLUMNS = 14
+# Rays whose rows are made together: what they need stays within the cache.
+BLOCK = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
 class CullingRays:
     """n rays in the world frame, near the scene.
 
-    rows : (n, 14) float32, see ROW_COLUMNS
+    rows : (14, n) float32, see ROW_COLUMNS
     start, exponent : (n,) t_row = (t - start) 2^exponent
     slack : (n,) float64, absolute error of t_row
     origin, direction : (n, 3) float64 in the frame: the moved origin, the direction per unit of t_row
@@ -86,7 +88,7 @@ def prepare_rays(frame: Frame, origins: Floats, directions: Floats) -> CullingRa
         moved = origin + way[:, None] * direction
         error = gamma(8) * (1 + distance + way)
         slack = gamma(8) * way + 4 * FLOAT32_ROUNDOFF
-    rows = make_rows(moved, direction, error[:, None] + np.zeros(3))
+    rows = make_rows(moved, direction, error[:, None])
     return CullingRays(rows, start, exponent, slack, moved, direction, error)
 
 
@@ -105,17 +107,29 @@ def _way_to_box(origin: Floats, direction: Floats) -> Floats:
 
 
 def make_rows(origin: Floats, direction: Floats, error: Floats) -> NDArray[np.float32]:
-    """Return (n, 14) rows. `error` (n, 3) bounds what is absolute; out of range, every box is entered."""
+    """Return (14, n) columns of rows. `error`, (n, 3) or (n, 1), bounds what is absolute; see `_fill_rows`."""
+    rows = np.empty((ROW_COLUMNS, len(origin)), np.float32)
+    for start in range(0, len(origin), BLOCK):
+        block = slice(start, start + BLOCK)
+        _fill_rows(rows[:, block], *(np.ascontiguousarray(part[block].T) for part in (origin, direction, error)))
+    return rows
+
+
+@np.errstate(divide="ignore", over="ignore")
+def _fill_rows(rows: NDArray[np.float32], origin: Floats, direction: Floats, error: Floats) -> None:
+    """Fill the columns from planes (3, b); out of range, every box is entered."""
     pad = error + 4 * FLOAT32_ROUNDOFF * (1 + np.abs(origin))
     known = np.isfinite(pad) & np.isfinite(origin)
-    origin, pad = np.where(known, origin, 0.0), np.where(known, pad, UNKNOWN)
-    largest = largest_component(direction)
-    cap = RECIPROCAL_CAP / largest
-    with np.errstate(divide="ignore", over="ignore"):
-        reciprocal = np.clip(1 / direction, -cap, cap)
-        tolerance = TOLERANCE * largest_component(pad)
-        columns = [origin + pad, origin - pad, reciprocal, direction / largest, tolerance, 1 / largest]
-        return np.concatenate(columns, axis=1).astype(np.float32)
+    if not known.all():
+        origin, pad = np.where(known, origin, 0.0), np.where(known, pad, UNKNOWN)
+    scale = 1 / np.abs(direction).max(axis=0)
+    cap = RECIPROCAL_CAP * scale
+    np.add(origin, pad, out=rows[:3], casting="same_kind")
+    np.subtract(origin, pad, out=rows[3:6], casting="same_kind")
+    rows[6:9] = np.clip(1 / direction, -cap, cap)
+    np.multiply(direction, scale, out=rows[9:12], casting="same_kind")
+    np.multiply(pad.max(axis=0), TOLERANCE, out=rows[12], casting="same_kind")
+    rows[13] = scale
 
 
 def to_row_distance(rays: CullingRays, index: NDArray, t: Floats) -> NDArray[np.float32]:

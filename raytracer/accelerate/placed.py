@@ -73,7 +73,7 @@ def can_be_placed(world_from_object: Floats, mesh_exponent: NDArray, world_expon
 def place_rays(
     placed: PlacedTrees, frame: Frame, rays: CullingRays, ray: NDArray, instance: NDArray
 ) -> NDArray[np.float32]:
-    """Return the (k, 14) rows of rays in the frames of the instances' meshes; t_row is the ray's own."""
+    """Return the (14, k) rows of rays in the frames of the instances' meshes; t_row is the ray's own."""
     # World frame to world units relative to the instance: exact but for one rounding of each difference.
     origin = np.ldexp(rays.origin[ray], -frame.exponent) + (frame.centre - placed.translation[instance])
     direction = np.ldexp(rays.direction[ray], -frame.exponent)

@@ -98,22 +98,23 @@ class _Rows:
     """
 
     def __init__(self, rows: NDArray[np.float32], begin: NDArray[np.float32]) -> None:
-        self.count = self.ray_count = len(rows)
-        self.ray = np.arange(len(rows), dtype=np.int32)
-        self.id_shift = np.zeros(len(rows), np.int64)
-        self.planes = np.empty((ROW_COLUMNS + 1, len(rows), WIDTH), np.float32)
-        self._fill(slice(0, len(rows)), rows, begin)
+        self.count = self.ray_count = len(begin)
+        self.ray = np.arange(self.count, dtype=np.int32)
+        self.id_shift = np.zeros(self.count, np.int64)
+        self.planes = np.empty((ROW_COLUMNS + 1, self.count, WIDTH), np.float32)
+        self._fill(slice(0, self.count), rows, begin)
 
     def _fill(self, where: slice, rows: NDArray[np.float32], begin: NDArray[np.float32]) -> None:
-        self.planes[:ROW_COLUMNS, where] = rows.T[:, :, None]
-        self.planes[BEGIN, where] = begin[:, None]
+        for slot in range(WIDTH):
+            self.planes[:ROW_COLUMNS, where, slot] = rows
+            self.planes[BEGIN, where, slot] = begin
 
     def rays_of(self, row: NDArray) -> NDArray:
         return row if self.count == self.ray_count else self.ray.take(row)
 
     def append(self, rows: NDArray, begin: NDArray, ray: NDArray, id_shift: NDArray) -> NDArray[np.int32]:
         """Add rows; return their numbers."""
-        end = self.count + len(rows)
+        end = self.count + len(ray)
         if end > len(self.ray):
             extra = max(end, 2 * len(self.ray)) - len(self.ray)
             self.planes = np.concatenate([self.planes, np.empty((len(self.planes), extra, WIDTH), np.float32)], axis=1)
@@ -142,13 +143,16 @@ class Traversal:
         self.hierarchy = hierarchy
         self.search = search
         self.node_rows = hierarchy.nodes.reshape(-1, WIDTH)
+        self.references = hierarchy.nodes.view(np.int32).ravel()[WIDTH * REFERENCE_ROW :]
         self.leaf_rows = hierarchy.triangles.reshape(-1, WIDTH)
+        self.items = hierarchy.items.ravel()
         self.rays = prepare_rays(hierarchy.frame, search.rays.origins, search.rays.directions)
         self.begin = to_row_start(self.rays, search.t_min)
         self.rows = _Rows(self.rays.rows, self.begin)
-        self.best = np.empty((len(search.rays), WIDTH), np.float32)
         everyone = np.arange(len(search.rays))
-        self.best[...] = to_row_distance(self.rays, everyone, search.best)[:, None]
+        # Nothing farther matters: once per ray, and as a row to gather.
+        self.best = to_row_distance(self.rays, everyone, search.best)
+        self.best_rows = np.repeat(self.best, WIDTH).reshape(-1, WIDTH)
         self.stack = _Stack(4 * max(len(search.rays), CHUNK))
         self.leaves, self.instances, self.candidates = _Buffer(), _Buffer(), _Buffer()
         # Where the stack and the rows ended when instances were entered: below that, their rows are done with.
@@ -196,16 +200,15 @@ class Traversal:
         keys = _sort_four(self._enter_boxes(row, node).reshape(WIDTH, count))
         chosen = np.flatnonzero(keys < INFINITY_BITS)
         key = keys.ravel().take(chosen)
-        lane = chosen % count
-        references = self.hierarchy.nodes.view(np.int32).ravel()[WIDTH * REFERENCE_ROW :]
-        child = references.take(node.take(lane) * (NODE_ROWS * WIDTH) + (key & SLOT_BITS))
+        lane = chosen - chosen // count * count  # far quicker than the remainder
+        child = self.references.take(node.take(lane) * (NODE_ROWS * WIDTH) + (key & SLOT_BITS))
         entered = Pairs(row.take(lane), child, key.view(np.float32))
         self.stack.push(entered.select(np.flatnonzero(child >= 0)))
         self._keep_leaves(entered.select(np.flatnonzero(child < 0)))
 
     def _drop_passed(self, pairs: Pairs) -> Pairs:
         """Leave out what lies beyond the best distance by now."""
-        alive = np.flatnonzero(pairs.entry <= self.best[:, 0].take(self.rows.rays_of(pairs.row)))
+        alive = np.flatnonzero(pairs.entry <= self.best.take(self.rows.rays_of(pairs.row)))
         return pairs if len(alive) == len(pairs.row) else pairs.select(alive)
 
     def _enter_boxes(self, row: NDArray, node: NDArray) -> NDArray[np.int32]:
@@ -220,7 +223,7 @@ class Traversal:
         ray, row, node = self.rows.rays_of(row), row.astype(np.intp), node.astype(np.intp) * NODE_ROWS
         planes = self.rows.planes
         planes[BEGIN].take(row, axis=0, out=entry, mode="clip")
-        self.best.take(ray, axis=0, out=leave, mode="clip")
+        self.best_rows.take(ray, axis=0, out=leave, mode="clip")
         for axis in range(3):
             self.node_rows[axis:].take(node, axis=0, out=low, mode="clip")
             self.node_rows[3 + axis :].take(node, axis=0, out=high, mode="clip")
@@ -271,9 +274,9 @@ class Traversal:
         hits = test_leaves(self.leaf_rows, leaf, lines)
         ray = self.rows.rays_of(row)
         low = np.where(hits.low > -np.inf, hits.low, -np.inf)
-        found = np.flatnonzero(hits.possible & (low <= self.best.take(ray, axis=0)))
+        found = np.flatnonzero(hits.possible & (low <= self.best_rows.take(ray, axis=0)))
         pair, slot = found // WIDTH, found % WIDTH
-        item = self.hierarchy.items.ravel().take(leaf.take(pair) * WIDTH + slot)
+        item = self.items.take(leaf.take(pair) * WIDTH + slot)
         if self.hierarchy.placed is not None:
             item += self.rows.id_shift.take(row.take(pair))
         candidates = Pairs(ray.take(pair), item, low.ravel().take(found))
@@ -290,14 +293,12 @@ class Traversal:
         if self.search.any_hit:
             inside &= high <= self.surely_before_end.take(ray)
             self.search.settle(ray[inside], item[inside])
-            self.best[ray[inside]] = -np.inf
-        else:
-            self._lower_best(ray[inside], high[inside])
+            high = np.full(len(high), -np.inf, np.float32)
+        self._lower_best(ray[inside], high[inside])
 
     def _lower_best(self, ray: NDArray, distance: NDArray[np.float32]) -> None:
-        nearest = self.best[:, 0]
-        np.minimum.at(nearest, ray, distance)
-        self.best[ray] = nearest[ray][:, None]
+        np.minimum.at(self.best, ray, distance)
+        self.best_rows[ray] = self.best[ray][:, None]
 
     def _offer(self) -> None:
         """Offer the search the candidates that are still near enough."""

@@ -236,10 +236,10 @@ def test_rows_never_lose_a_point_of_the_ray(rng):
     exact_points = origins.astype(np.longdouble) + t.astype(np.longdouble)[:, None] * directions.astype(np.longdouble)
     boxes = np.stack([exact_points, exact_points], axis=1).astype(np.float64)
     bounds = bvh.to_bounds(frame, boxes)
-    low = (bounds[:3].T - rays.rows[:, :3]) * rays.rows[:, 6:9]
-    high = (-bounds[3:].T - rays.rows[:, 3:6]) * rays.rows[:, 6:9]
-    entry = np.minimum(low, high).max(axis=1)
-    leave = np.maximum(low, high).min(axis=1) * culling.SLACK
+    low = (bounds[:3] - rays.rows[:3]) * rays.rows[6:9]
+    high = (-bounds[3:] - rays.rows[3:6]) * rays.rows[6:9]
+    entry = np.minimum(low, high).max(axis=0)
+    leave = np.maximum(low, high).min(axis=0) * culling.SLACK
     assert (entry <= leave).all()
     assert (entry <= culling.to_row_distance(rays, np.arange(count), t)).all()
     assert (leave >= culling.to_row_start(rays, t)).all()
@@ -256,7 +256,7 @@ def test_crossings_need_certified_precision():
 
 
 def test_tree_is_built_when_the_first_rays_need_it():
-    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(16))]))
+    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(6))]))
     assert caster.offer.hierarchy is None
     caster.closest_hit((0.1, 0.2, 1.0), (0.0, 0.0, -1.0))
     assert caster.offer.hierarchy.roots == (0,)

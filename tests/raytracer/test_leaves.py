@@ -55,7 +55,7 @@ def run_test(triangles, rays, frame):
     slots[np.arange(PAIRS), np.arange(PAIRS) % 4] = np.arange(PAIRS)
     tree = bvh.Tree(frame, np.zeros((0, 8, 4), np.float32), slots)
     table = leaves.pack_leaves(tree, triangles.reshape(-1, 9)).reshape(-1, 4)
-    lines = np.repeat(rays.rows[:, list(traverse.LINE_COLUMNS)].T[:, :, None], 4, axis=2)
+    lines = np.repeat(rays.rows[list(traverse.LINE_COLUMNS), :, None], 4, axis=2)
     with np.errstate(all="ignore"):
         hits = leaves.test_leaves(table, np.arange(PAIRS), lines)
     assert not hits.possible[slots == bvh.NO_ITEM].any()
@@ -102,7 +102,7 @@ def test_leaves_leave_what_is_no_triangle_alone():
     tree = bvh.Tree(frame, np.zeros((0, 8, 4), np.float32), slots)
     table = leaves.pack_leaves(tree, corners).reshape(-1, 4)
     rows = culling.prepare_rays(frame, np.array([[-0.5, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]])).rows
-    lines = np.repeat(rows[:, list(traverse.LINE_COLUMNS)].T[:, :, None], 4, axis=2)
+    lines = np.repeat(rows[list(traverse.LINE_COLUMNS), :, None], 4, axis=2)
     with np.errstate(all="ignore"):
         hits = leaves.test_leaves(table, np.zeros(1, np.intp), lines)
     assert hits.possible.tolist() == [[False, True, False, False]]
