@@ -256,7 +256,7 @@ def test_crossings_need_certified_precision():
 
 
 def test_tree_is_built_when_the_first_rays_need_it():
-    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(6))]))
+    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(16))]))
     assert caster.offer.hierarchy is None
     caster.closest_hit((0.1, 0.2, 1.0), (0.0, 0.0, -1.0))
     assert caster.offer.hierarchy.roots == (0,)
