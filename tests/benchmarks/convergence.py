@@ -8,10 +8,11 @@ import importlib
 import numpy as np
 
 import raytracer
-from tests.benchmarks.pictures import CYCLES, HEIGHT, WIDTH, fit_power, measure_noise, open_scene, render_repeatedly
+from tests.benchmarks.pictures import CYCLES, fit_power, measure_noise, open_scene, render_repeatedly
 
 SCENES = ("penumbra", "cornell_box")
 SAMPLES = (1, 4, 16, 64)
+SIZE = 120, 80
 # The slopes belong to the samples from here on; the first ones show where they start from.
 FIRST_FITTED = 4
 REPEATS = 2
@@ -22,8 +23,8 @@ def measure_convergence(progress):
     """Return a row for every scene, way of sampling and number of samples; `slope` is that of the whole curve."""
     rows = []
     for name in progress(SCENES, "convergence"):
-        with open_scene(name) as (scene, view_layer):
-            extracted = extract(scene, view_layer)
+        with open_scene(name, size=SIZE) as (scene, view_layer):
+            extracted = extract(view_layer)
             curves = {
                 SHARED: [render_ours(extracted, samples, 2) for samples in SAMPLES],
                 OWN: [render_ours(extracted, samples, 0) for samples in SAMPLES],
@@ -40,14 +41,12 @@ def measure_convergence(progress):
     return rows
 
 
-def extract(scene, view_layer):
+def extract(view_layer):
     """Return (raytracer.Scene, Caster) of an open Blender scene."""
     from addon.extract import extract_scene
 
-    scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
     view_layer.update()
-    depsgraph = view_layer.depsgraph
-    extracted = extract_scene(depsgraph).scene
+    extracted = extract_scene(view_layer.depsgraph).scene
     return extracted, raytracer.build(extracted)
 
 
@@ -68,7 +67,7 @@ def render_picture(extracted, samples, interleaving, seed):
     module.choose_interleaving = lambda pixels, count, shown: interleaving
     try:
         settings = {"pixel_filter": "box", "seed": seed, "max_bounces": 0}
-        return raytracer.render(scene, WIDTH, HEIGHT, samples, caster=caster, **settings)["Combined"]
+        return raytracer.render(scene, *SIZE, samples, caster=caster, **settings)["Combined"]
     finally:
         module.choose_interleaving = chosen
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,7 @@ class Renders:
 
 
 @contextmanager
-def open_scene(name, persistent=True):
+def open_scene(name, persistent=True, size=(WIDTH, HEIGHT)):
     """Open one of `blend_scenes`, set up so that both engines compute the same light; yield (scene, view layer)."""
     import bpy
 
@@ -43,7 +43,7 @@ def open_scene(name, persistent=True):
         addon.register()
     bpy.ops.wm.open_mainfile(filepath=str(SCENES / f"{name}.blend"), load_ui=False)
     scene, view_layer = bpy.context.scene, bpy.context.view_layer
-    request = make_request(scene, 1)
+    request = replace(make_request(scene, 1), width=size[0], height=size[1])
     with (
         matched_settings(scene, view_layer, request),
         changed(scene.render, use_persistent_data=persistent),
