@@ -16,7 +16,8 @@ from raytracer.nodes import evaluate, find_needed, list_attributes
 from raytracer.programs import Program, Register, Value
 from raytracer.rays import Floats, Surface
 from raytracer.scene import CLOSURE_COLORS, CLOSURE_RANGES, Closure, Scene
-from raytracer.sites import LightPath, Site, SiteTables, measure_footprint
+from raytracer.site_tables import SiteTables
+from raytracer.sites import LightPath, Site, measure_footprint
 
 # What each kind of closure shines with and lets through depends on; `materials` sums it.
 RADIANCE_FIELDS = {"principled": ("weight", "alpha", "emission"), "emission": ("weight", "color")}

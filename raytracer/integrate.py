@@ -43,7 +43,8 @@ from raytracer.sampling import PixelSamples, SharedSamples, share_samples
 from raytracer.scatter import Continuation, option_probabilities, power_heuristic, sample_continuation
 from raytracer.scene import Light, Scene
 from raytracer.settings import Settings
-from raytracer.sites import LightPath, make_site_tables
+from raytracer.site_tables import make_site_tables
+from raytracer.sites import LightPath
 from raytracer.surface import SurfaceTables, make_surface, make_surface_tables
 
 # Passes that need light; the others are known at the first surface.

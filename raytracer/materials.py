@@ -22,7 +22,8 @@ from raytracer.frames import normalize
 from raytracer.microfacet import Microfacets
 from raytracer.rays import Booleans, Floats, Integers, Surface
 from raytracer.scene import CLOSURE_KINDS, Closure, Scene
-from raytracer.sites import LightPath, SiteTables
+from raytracer.site_tables import SiteTables
+from raytracer.sites import LightPath
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ import numpy as np
 import raytracer
 from raytracer.nodes import list_attributes, list_steps
 from raytracer.programs import Program, Register, Value
-from raytracer.sites import TANGENT
+from raytracer.site_tables import TANGENT
 
 from .. import versions
 from .images import ImageTable

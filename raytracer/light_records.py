@@ -1,0 +1,116 @@
+"""Lamps, in Blender's units: watts, and W/m^2 for the sun. Imports `checks`, `records`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from raytracer.checks import require_choice
+from raytracer.records import set_array, set_color, set_field, set_number
+
+
+@dataclass(frozen=True, eq=False)
+class PointLight:
+    """A sphere, or a point where radius is 0, that emits `power` watts (linear RGB) into all directions.
+
+    soft_falloff : Blender's option: a disk that faces the shaded point instead of a true sphere
+    """
+
+    position: Any
+    power: Any
+    radius: float = 0.0
+    soft_falloff: bool = True
+    cast_shadow: bool = True
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        label = f"PointLight {self.name!r}"
+        set_array(self, "position", np.float64, (3,), label)
+        set_color(self, "power", label)
+        set_number(self, "radius", 0.0, np.inf, label)
+
+
+@dataclass(frozen=True, eq=False)
+class SpotLight(PointLight):
+    """A point light limited to a cone.
+
+    world_from_light : (3, 3) float64, the light shines along its -z axis; columns keep the object's scale
+    spot_size : full opening angle, radians
+    spot_blend : 0 to 1, softness of the cone's border
+    """
+
+    world_from_light: Any = None
+    spot_size: float = np.pi / 4
+    spot_blend: float = 0.15
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        label = f"SpotLight {self.name!r}"
+        if self.world_from_light is None:
+            set_field(self, "world_from_light", np.eye(3))
+        matrix = set_array(self, "world_from_light", np.float64, (3, 3), label)
+        if not abs(np.linalg.det(matrix)) > 0:
+            raise ValueError(
+                f"{label}: world_from_light: expected a matrix that can be inverted, got {matrix.tolist()}"
+            )
+        set_number(self, "spot_size", 0.0, np.pi, label)
+        set_number(self, "spot_blend", 0.0, 1.0, label)
+
+
+@dataclass(frozen=True, eq=False)
+class SunLight:
+    """A light at infinity.
+
+    direction : (3,) float64, from the scene towards the sun, made unit length
+    strength : linear RGB irradiance on a plane that faces the sun, W/m^2
+    angle : angular diameter of the disc, radians; 0 is a point
+    """
+
+    direction: Any
+    strength: Any
+    angle: float = 0.0
+    cast_shadow: bool = True
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        label = f"SunLight {self.name!r}"
+        direction = set_array(self, "direction", np.float64, (3,), label)
+        length = np.linalg.norm(direction)
+        if length == 0:
+            raise ValueError(f"{label}: direction: expected a vector other than zero, got {direction.tolist()}")
+        set_field(self, "direction", direction / length)
+        set_color(self, "strength", label)
+        set_number(self, "angle", 0.0, np.pi, label)
+
+
+@dataclass(frozen=True, eq=False)
+class AreaLight:
+    """A flat light that emits `power` watts from its front, the side its -z axis points to.
+
+    position : (3,) centre
+    axis_u, axis_v : (3,) float64, metres, the full width and height as vectors
+    shape : 'rectangle' or 'ellipse'
+    spread : full opening angle of the emission, radians; pi is Lambertian
+    """
+
+    position: Any
+    axis_u: Any
+    axis_v: Any
+    power: Any
+    shape: str = "rectangle"
+    spread: float = np.pi
+    cast_shadow: bool = True
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        label = f"AreaLight {self.name!r}"
+        for name in ("position", "axis_u", "axis_v"):
+            set_array(self, name, np.float64, (3,), label)
+        set_color(self, "power", label)
+        require_choice(self.shape, ("rectangle", "ellipse"), f"{label}: shape")
+        set_number(self, "spread", 0.0, np.pi, label)
+
+
+Light = PointLight | SpotLight | SunLight | AreaLight

@@ -1,0 +1,93 @@
+"""Materials: weighted closures whose parameters are constants, or registers of a program.
+
+Imports `checks`, `programs`, `records`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from raytracer.checks import require_choice
+from raytracer.programs import Program, Register, check_register, make_value
+from raytracer.records import set_color, set_field, set_number
+
+# The colours of a closure, and the range of each of its numbers.
+CLOSURE_COLORS = ("color", "specular_tint", "emission")
+CLOSURE_RANGES = {
+    "weight": (0.0, np.inf),
+    "ior": (float(np.nextafter(0.0, 1.0)), np.inf),
+    **dict.fromkeys(("roughness", "metallic", "transmission", "specular", "alpha"), (0.0, 1.0)),
+}
+CLOSURE_KINDS = ("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission")
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """One scattering or emitting part of a material; each parameter is a constant or a Register of its program.
+
+    kind : one of CLOSURE_KINDS
+    weight : factor in the material's sum (Mix and Add Shader fold into it)
+    color : linear RGB; base colour of a principled closure, radiance scale of an emission
+    roughness : Blender's roughness; GGX alpha is its square; 0 is a perfect mirror
+    normal : world space, any length, on the side that the ray comes from; None = the surface's
+    The remaining fields are those of Blender's Principled BSDF node.
+    """
+
+    kind: str
+    color: Any = 0.8
+    weight: Any = 1.0
+    roughness: Any = 0.5
+    ior: Any = 1.5
+    metallic: Any = 0.0
+    transmission: Any = 0.0
+    specular: Any = 0.5
+    specular_tint: Any = 1.0
+    emission: Any = 0.0
+    alpha: Any = 1.0
+    normal: Any = None
+
+    def __post_init__(self) -> None:
+        label = f"Closure {self.kind!r}"
+        require_choice(self.kind, CLOSURE_KINDS, "Closure: kind")
+        computed = self.registers
+        for name in CLOSURE_COLORS:
+            if name not in computed:
+                set_color(self, name, label)
+        for name, (low, high) in CLOSURE_RANGES.items():
+            if name not in computed:
+                set_number(self, name, low, high, label)
+        if self.normal is not None:
+            set_field(self, "normal", make_value(self.normal, f"{label}: normal"))
+
+    @property
+    def registers(self) -> dict[str, Register]:
+        """The parameters that the material's program computes, by name."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, Register)}
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A named sum of weighted closures; no closures at all is black.
+
+    program : computes the parameters that are Registers; None where all are constant
+    transparent_shadow : False stops light all the same where the surface is transparent
+    """
+
+    closures: Sequence[Closure] = ()
+    pass_index: int = 0
+    name: str = ""
+    program: Program | None = None
+    transparent_shadow: bool = True
+
+    def __post_init__(self) -> None:
+        set_field(self, "closures", tuple(self.closures))
+        for closure in self.closures:
+            for name, register in closure.registers.items():
+                check_register(register, self.program, f"Material {self.name!r}: {closure.kind}: {name}")
+
+
+DEFAULT_MATERIAL = Material((Closure("diffuse", color=0.8),), name="default")

@@ -1,0 +1,39 @@
+"""What the constructors of records share: fields replaced by checked, read-only arrays and plain numbers.
+
+Imports `checks` only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.checks import as_array, require_finite, require_range
+
+
+def set_field(record: Any, name: str, value: Any) -> None:
+    object.__setattr__(record, name, value)
+
+
+def set_array(record: Any, name: str, dtype: type, shape: Sequence[int | str], label: str) -> NDArray[Any]:
+    """Replace a field by its checked, read-only array."""
+    array = as_array(getattr(record, name), dtype, shape, f"{label}: {name}")
+    if np.issubdtype(dtype, np.floating):
+        require_finite(array, f"{label}: {name}")
+    set_field(record, name, array)
+    return array
+
+
+def set_color(record: Any, name: str, label: str) -> None:
+    """Replace a field by a non-negative linear RGB triple; a single number stands for grey."""
+    value = getattr(record, name)
+    set_field(record, name, np.full(3, value, dtype=np.float64) if np.ndim(value) == 0 else value)
+    require_range(set_array(record, name, np.float64, (3,), label), 0.0, np.inf, f"{label}: {name}")
+
+
+def set_number(record: Any, name: str, low: float, high: float, label: str) -> None:
+    require_range(set_array(record, name, np.float64, (), label), low, high, f"{label}: {name}")
+    set_field(record, name, float(getattr(record, name)))
