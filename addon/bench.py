@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rays", type=parse_positive, default=4096, metavar="N", help="rays per set of the accuracy; default 4096"
     )
     parser.add_argument(
-        "--speed-rays", type=parse_positive, default=1 << 16, metavar="N",
-        help="rays that are timed together; default 65536",
+        "--speed-rays", type=parse_positive, default=1 << 18, metavar="N",
+        help="rays that are timed together; default 262144",
     )  # fmt: skip
     parser.add_argument(
         "--rounds",

@@ -24,7 +24,12 @@ def make_peer(name):
 
 def build(precision, positions, triangles):
     """Build a caster over a mesh."""
-    scene = raytracer.Scene(meshes=[raytracer.Mesh(positions, triangles)])
+    return build_scene(PREFIX + precision, raytracer.Scene(meshes=[raytracer.Mesh(positions, triangles)]))
+
+
+def build_scene(name, scene):
+    """Build the caster of the peer called `name` over a Scene."""
+    precision = name.removeprefix(PREFIX)
     caster = raytracer.build(scene, precision=precision)
     return Built(
         prepare=lambda origins, directions, reach: (origins, directions, 0.0, reach),

@@ -1,4 +1,4 @@
-"""Scenes and rays of the speed benchmark: meshes of 34 to a million triangles, and the rays a renderer casts at them.
+"""Scenes and rays of the speed benchmark: 34 to 100 million triangles, and the rays a renderer casts at them.
 
 All coordinates are float32 numbers. Blender makes Suzanne; without it her scenes are left out.
 """
@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+import raytracer
+from raytracer.accelerate.geometry import world_corners
 from tests import meshes
 from tests.benchmarks.ray_sets import Target, snap
 
@@ -20,7 +22,10 @@ SUZANNE_LEVELS = (2, 4, 5)
 
 @dataclass(frozen=True, eq=False)
 class SpeedScene:
-    """A mesh with a place to look from, a place to look at, and a point light."""
+    """A mesh with a place to look from, a place to look at, and a point light.
+
+    matrices : (i, 4, 4) world_from_object of instances of the mesh; None: the mesh itself, once
+    """
 
     name: str
     positions: np.ndarray
@@ -28,11 +33,40 @@ class SpeedScene:
     eye: np.ndarray
     centre: np.ndarray
     light: np.ndarray
+    matrices: np.ndarray | None = None
+
+    @property
+    def bounds(self):
+        """(2, 3) a box around everything."""
+        points = self.positions
+        if self.matrices is not None:
+            box = np.array(np.meshgrid(*np.stack([points.min(axis=0), points.max(axis=0)], axis=1))).reshape(3, 8).T
+            points = (box @ self.matrices[:, :3, :3].transpose(0, 2, 1) + self.matrices[:, None, :3, 3]).reshape(-1, 3)
+        return np.stack([points.min(axis=0), points.max(axis=0)])
 
     @property
     def size(self):
         """Half the diagonal of the bounding box."""
-        return float(np.linalg.norm(np.ptp(self.positions, axis=0))) / 2
+        return float(np.linalg.norm(np.ptp(self.bounds, axis=0))) / 2
+
+    @property
+    def count(self):
+        """The number of triangles that rays can meet."""
+        return len(self.triangles) * (1 if self.matrices is None else len(self.matrices))
+
+    def flatten(self):
+        """(positions, triangles) of all instances as one mesh."""
+        if self.matrices is None:
+            return self.positions, self.triangles
+        placed = self.positions @ self.matrices[:, :3, :3].transpose(0, 2, 1) + self.matrices[:, None, :3, 3]
+        return meshes.join_meshes([(to_float32(positions), self.triangles) for positions in placed])
+
+    def describe(self):
+        """The scene as the ray tracer takes it."""
+        instances = None
+        if self.matrices is not None:
+            instances = raytracer.Instances(np.zeros(len(self.matrices), np.int32), self.matrices)
+        return raytracer.Scene(meshes=[raytracer.Mesh(self.positions, self.triangles)], instances=instances)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +85,10 @@ def to_float32(values):
     return np.asarray(values, dtype=np.float64).astype(np.float32).astype(np.float64)
 
 
-def make_scene(name, mesh, eye, centre, light):
+def make_scene(name, mesh, eye, centre, light, matrices=None):
     """Round a mesh to float32 and put it on show."""
     eye, centre, light = (to_float32(point) for point in (eye, centre, light))
-    return SpeedScene(name, to_float32(mesh[0]), mesh[1], eye, centre, light)
+    return SpeedScene(name, to_float32(mesh[0]), mesh[1], eye, centre, light, matrices)
 
 
 def make_suzanne(level):
@@ -101,14 +135,46 @@ def show_terrain(count=500):
     return make_scene(f"terrain {name_count(len(mesh[1]))}", mesh, (-4.5, -4.5, 2.2), (0, 0, 0), (3, -3, 4))
 
 
+def place_at_random(rng, count, size, low, high):
+    """(count, 4, 4) matrices: turned, scaled to `size`, anywhere between two corners."""
+    matrices = np.tile(np.eye(4), (count, 1, 1))
+    matrices[:, :3, :3] = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0].transpose(0, 2, 1) * size
+    matrices[:, :3, 3] = rng.uniform(low, high, (count, 3))
+    return matrices
+
+
 def show_objects(count=1000):
     """Tori all over a cube, in one mesh."""
-    rng = np.random.default_rng(1)
-    torus, triangles = meshes.make_torus(12, 8)
-    turns = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
-    placed = torus @ turns * 0.25 + rng.uniform(-4, 4, (count, 1, 3))
-    mesh = meshes.join_meshes([(positions, triangles) for positions in placed])
-    return make_scene(f"{count} objects {name_count(len(mesh[1]))}", mesh, (2, -12, 5), (0, 0, 0), (6, -8, 9))
+    instances = show_instances(count)
+    name = f"{count} objects {name_count(instances.count)}"
+    return make_scene(name, instances.flatten(), instances.eye, instances.centre, instances.light)
+
+
+def show_instances(count=1000):
+    """The same tori as instances of one mesh."""
+    torus = meshes.make_torus(12, 8)
+    matrices = place_at_random(np.random.default_rng(1), count, 0.25, -4, 4)
+    name = f"{count} instances {name_count(count * len(torus[1]))}"
+    return make_scene(name, torus, (2, -12, 5), (0, 0, 0), (6, -8, 9), matrices)
+
+
+def show_forest(count=10000):
+    """A hundred million triangles: instances of a bumpy mesh of ten thousand, on a plain seen from above its edge."""
+    rng = np.random.default_rng(3)
+    positions, triangles = meshes.make_torus(100, 50, 0.6, 0.35)
+    positions = positions * (1 + 0.1 * np.sin(9 * positions.sum(axis=1, keepdims=True)))
+    matrices = place_at_random(rng, count, 0.5, (-60, -60, 0), (60, 60, 1))
+    name = f"forest of {count} instances {name_count(count * len(triangles))}"
+    return make_scene(name, (positions, triangles), (0, -75, 12), (0, 0, 0), (30, -60, 50), matrices)
+
+
+def show_interior():
+    """A closed room full of tori, seen from within, the light among them."""
+    matrices = place_at_random(np.random.default_rng(4), 60, 0.35, -1.8, 1.8)
+    tori = make_scene("tori", meshes.make_torus(36, 24), (0, 0, 0), (0, 0, 0), (0, 0, 0), matrices).flatten()
+    mesh = meshes.join_meshes([meshes.make_cube(2.2), tori])
+    name = f"interior {name_count(len(mesh[1]))}"
+    return make_scene(name, mesh, (-2.0, -2.0, 1.9), (0.2, 0.3, -0.4), (0.1, 0.1, 0.2))
 
 
 def show_cornell_box():
@@ -130,7 +196,15 @@ def list_scenes(large=True) -> dict[str, Callable]:
     """Return name -> function that makes the scene; without `large` those of at most half a million triangles."""
     levels = SUZANNE_LEVELS if large else SUZANNE_LEVELS[:-1]
     suzannes = {f"Suzanne, {level} subdivisions": (lambda k: lambda: show_suzanne(k))(level) for level in levels}
-    return {"Cornell box": show_cornell_box, **suzannes, "objects": show_objects, "terrain": show_terrain}
+    return {
+        "Cornell box": show_cornell_box,
+        **suzannes,
+        "objects": show_objects,
+        "instances": show_instances,
+        "interior": show_interior,
+        "terrain": show_terrain,
+        "forest": show_forest,
+    }
 
 
 def make_target(scene):
@@ -165,7 +239,7 @@ def find_surface(scene, caster, rays):
     """Return points and normals, (k, 3) each, where a raytracer.Caster's rays hit, lifted off on the seen side."""
     hits = caster.closest_hit(rays.origins, rays.directions)
     hit = np.flatnonzero(hits.hit)
-    a, b, c = np.moveaxis(scene.positions[scene.triangles[hits.primitive[hit]]], 1, 0)
+    a, b, c = world_corners(caster.geometry, hits.instance[hit], hits.primitive[hit])
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
@@ -187,7 +261,7 @@ def make_bounce_rays(points, normals, generator):
 
 def make_random_rays(scene, generator, count):
     """Between random points of the sphere around the bounding box."""
-    low, high = scene.positions.min(axis=0), scene.positions.max(axis=0)
+    low, high = scene.bounds
     ends = generator.normal(size=(2, count, 3))
     ends = to_float32((low + high) / 2 + scene.size * ends / np.linalg.norm(ends, axis=2, keepdims=True))
     return SpeedRays("random", ends[0], to_float32(ends[1] - ends[0]))
