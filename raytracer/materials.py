@@ -23,7 +23,7 @@ from raytracer.microfacet import Microfacets
 from raytracer.rays import Booleans, Floats, Integers, Surface
 from raytracer.scene import CLOSURE_KINDS, Closure, Scene
 from raytracer.site_tables import SiteTables
-from raytracer.sites import LightPath
+from raytracer.sites import LightPath, describe_shadow_rays
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,9 +139,10 @@ def find_radiance(table: MaterialTable, surface: Surface, path: LightPath | None
     return _sum_parts(table, recipes, surface, path, table.radiance, _radiance_of)
 
 
-def find_transparency(table: MaterialTable, surface: Surface, path: LightPath | None = None) -> Floats:
+def find_transparency(table: MaterialTable, surface: Surface) -> Floats:
     """Return the share of light (n, 3) that shadow rays bring straight through n points of a surface."""
     recipes = table.computed.transparency if table.computed else {}
+    path = describe_shadow_rays(len(surface)) if table.computed else None
     share = _sum_parts(table, recipes, surface, path, table.transparency, _transparency_of)
     return np.where(table.stops_light[surface.material, np.newaxis], 0.0, share)
 

@@ -35,6 +35,11 @@ class LightPath:
         return LightPath({name: value[rows] for name, value in self.values.items()})
 
 
+def describe_shadow_rays(count: int) -> LightPath:
+    """Return what programs can ask of shadow rays."""
+    return LightPath({"shadow": np.ones(count), "travelled": np.zeros(count)})
+
+
 @dataclass(frozen=True, eq=False)
 class Site:
     """n points of surfaces.

@@ -176,7 +176,17 @@ def _brick_noise(row: Array, brick: Array) -> Array:
     return 0.5 * (nudged / 1073741824.0)
 
 
-def make_noise(
+def _place_noise(vector: Any, w: Any, scale: Any, distortion: Any, dimensions: int) -> Array:
+    """Return the points (n, k) at which noise of k dimensions is read: scaled, then moved by noise."""
+    point = np.concatenate([np.asarray(vector, float), np.broadcast_to(spread(w), (*np.shape(vector)[:-1], 1))], -1)
+    point = np.atleast_2d(point[..., 3:] if dimensions == 1 else point[..., :dimensions]) * spread(scale)
+    if np.any(np.asarray(distortion) != 0):
+        moved = [perlin(point + _offset(seed, dimensions)) for seed in range(dimensions)]
+        point = point + np.stack(moved, axis=-1) * spread(distortion)
+    return point
+
+
+def make_noise_color(
     vector: Any,
     w: Any,
     scale: Any,
@@ -190,22 +200,20 @@ def make_noise(
     noise_dimensions: str,
     noise_type: str,
     normalize: bool,
-) -> tuple[Array, Array]:
-    """Fractal noise of one to four coordinates; the three parts of the color are the same noise elsewhere."""
-    point = np.concatenate([np.asarray(vector, float), np.broadcast_to(spread(w), (*np.shape(vector)[:-1], 1))], -1)
+    parts: int = 3,
+) -> Array:
+    """Fractal noise of one to four coordinates; the parts of the color are the same noise in different places."""
     dimensions = int(noise_dimensions[0])
-    point = np.atleast_2d(point[..., 3:] if dimensions == 1 else point[..., :dimensions]) * spread(scale)
-    if np.any(np.asarray(distortion) != 0):
-        moved = [perlin(point + _offset(seed, dimensions)) for seed in range(dimensions)]
-        point = point + np.stack(moved, axis=-1) * spread(distortion)
+    point = _place_noise(vector, w, scale, distortion, dimensions)
     fractal = Fractal(detail, np.maximum(roughness, 0.0), lacunarity, offset, gain, normalize)
-    compute = FRACTALS[noise_type]
-    value = compute(point, fractal)
-    elsewhere = (compute(point + _offset(dimensions + k, dimensions), fractal) for k in range(2))
-    color = np.stack([value, *elsewhere], axis=-1)
-    if np.ndim(vector) == 1 and len(value) == 1:
-        return value[0], color[0]
-    return value, color
+    places = [point, *(point + _offset(dimensions + k, dimensions) for k in range(parts - 1))]
+    color = np.stack([FRACTALS[noise_type](place, fractal) for place in places], axis=-1)
+    return color[0] if np.ndim(vector) == 1 and len(color) == 1 else color
+
+
+def make_noise(*inputs: Any, **settings: Any) -> Array:
+    """The first part of `make_noise_color`."""
+    return make_noise_color(*inputs, **settings, parts=1)[..., 0]
 
 
 def _offset(seed: int, dimensions: int) -> Array:
@@ -227,6 +235,8 @@ def make_white_noise(vector: Any, w: Any, *, noise_dimensions: str) -> tuple[Arr
     return parts[0], stack(*parts)
 
 
+_NOISE = ("Vector", "W", "Scale", "Detail", "Roughness", "Lacunarity", "Offset", "Gain", "Distortion")
+_NOISE_KINDS = ("noise_dimensions", "noise_type", "normalize")
 _VECTOR = {"Vector": "ATTRIBUTE Vector generated"}
 
 OPERATIONS = {
@@ -252,13 +262,8 @@ OPERATIONS = {
         ("offset", "offset_frequency", "squash", "squash_frequency"),
         links=_VECTOR,
     ),
-    "TEX_NOISE": Operation(
-        make_noise,
-        ("Vector", "W", "Scale", "Detail", "Roughness", "Lacunarity", "Offset", "Gain", "Distortion"),
-        ("Fac", "Color"),
-        ("noise_dimensions", "noise_type", "normalize"),
-        links=_VECTOR,
-    ),
+    "TEX_NOISE Fac": Operation(make_noise, _NOISE, ("Fac",), _NOISE_KINDS, links=_VECTOR),
+    "TEX_NOISE Color": Operation(make_noise_color, _NOISE, ("Color",), _NOISE_KINDS, links=_VECTOR),
     "TEX_WHITE_NOISE": Operation(
         make_white_noise, ("Vector", "W"), ("Value", "Color"), ("noise_dimensions",), links=_VECTOR
     ),

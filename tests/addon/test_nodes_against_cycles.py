@@ -432,6 +432,7 @@ NOISES = {
     for detail, distortion in ((2.0, 0.0), (1.4, 0.5))
 }
 PATTERNS = {
+    "noise as number": make("ShaderNodeTexNoise", "Fac", {"Vector": CENTRED, "Scale": 1.7, "Distortion": 0.3}),
     "checker": make("ShaderNodeTexChecker", "Color", {"Vector": WIDE, "Scale": 1.1}),
     "checker Generated": make("ShaderNodeTexChecker", "Fac"),
     **{

@@ -156,6 +156,26 @@ def test_a_pane_without_transparent_shadow_stops_the_light_as_in_cycles() -> Non
     assert np.abs(seen[True] - seen[False]).max() > 0.1
 
 
+def test_a_surface_that_only_shadow_rays_pass_agrees() -> None:
+    """The usual trick with Light Path: seen as diffuse, and without a shadow."""
+    make_stage()
+    add_lamp("POINT", {"shadow_soft_size": 0.0}, location=(0.2, 0.3, 3.0), power=300.0)
+
+    def make_pane(tree: Any) -> Any:
+        is_shadow = tree.nodes.new("ShaderNodeLightPath").outputs["Is Shadow Ray"]
+        return mix(tree, is_shadow, shader(tree, "Diffuse"), shader(tree, "Transparent"))
+
+    pane = building.link_object(
+        "Pane", building.make_plane("Pane", 1, 1), (0, 0, 1.0), materials=[make_material(make_pane)]
+    )
+    (ours, warnings), cycles = render_centres(96, 72), render_cycles(96, 72)
+    assert not warnings
+    assert np.quantile(np.abs(ours - cycles).max(axis=2), 1.0 - BORDER_SHARE) < 2e-3
+    bpy.data.objects.remove(pane)
+    open_ = render_centres(96, 72)[0]
+    assert np.isclose(ours, open_, atol=1e-12).all(axis=2).mean() > 0.7  # all but the pane itself
+
+
 @pytest.mark.slow
 @SAME_FADING
 def test_normal_maps_agree_under_a_lamp() -> None:
