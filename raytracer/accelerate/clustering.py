@@ -1,9 +1,10 @@
 """Binary hierarchies built bottom-up: boxes are sorted along a space-filling curve, then neighbours on it merged.
 
-Each round looks RADIUS places to either side of every cluster for the one with which it has the smallest common
-surface; clusters that choose each other are merged. A round is a few dozen array operations over all clusters, and
-about a third of them vanish in it. The tree costs rays no more than one built top-down with the binned surface area
-heuristic (0.97 to 1.05 of the time on the benchmark's meshes), at an eighth of the time to build.
+Each round looks RADIUS places to either side of every cluster for the one with which it wastes the least: the surface
+of their union, less the mean of theirs. Clusters that choose each other are merged. A round is a few dozen array
+operations over all clusters, and about a third of them vanish in it. The tree costs rays 0.95 to 1.05 of what one built
+top-down with the binned surface area heuristic does, at an eighth of the time to build. Tried in vain: a larger RADIUS,
+binned splits for the last 256 to 16384 clusters (3% fewer nodes visited), weighing by the number of items.
 
 Source: D. Meister and J. Bittner, "Parallel locally-ordered clustering for bounding volume hierarchy construction"
 (2018). Imports NumPy only.
@@ -26,7 +27,7 @@ Integers = NDArray[np.int32]
 RADIUS = 8
 # Clusters whose neighbours are looked for together: what they need stays within the cache.
 BLOCK = 1 << 14
-# The low bits of a surface give way to the neighbour's code, below 2 RADIUS.
+# The low bits of a waste give way to the neighbour's code, below 2 RADIUS.
 CODE_BITS = np.int32(2 * RADIUS - 1)
 # A round that merges fewer than one in MANY clusters is replaced by merging all in pairs.
 MANY = 16
@@ -134,7 +135,7 @@ def _choose_pairs(active: Bounds) -> tuple[NDArray[np.intp], Integers]:
 
 
 def _find_partners(active: Bounds) -> Integers:
-    """(m,) the place of the neighbour with which each cluster has the smallest common surface."""
+    """(m,) the place of the neighbour with which each cluster wastes the least surface."""
     count = active.shape[1]
     partner = np.empty(count, np.int32)
     for start in range(0, count, BLOCK):
@@ -148,16 +149,19 @@ def _find_partners(active: Bounds) -> Integers:
 def _nearest_offsets(active: Bounds, begin: int) -> Integers:
     """(k,) offset from each of k clusters, places begin ..., to its best neighbour among them.
 
-    Non-negative floats sort as their bits do: the lowest bits of each surface name the neighbour, 2 (distance - 1),
+    The surface of a union is at least that of each part, rounded as it may be, so that the waste is not negative. Such
+    floats sort as their bits do: the lowest bits of each waste name the neighbour, 2 (distance - 1),
     plus 1 for the direction that is second choice. Among equals even places prefer the next cluster and odd ones the
     one before, so that they choose each other.
     """
     count = active.shape[1]
     odd = (np.arange(begin, begin + count, dtype=np.int32) & 1).astype(np.int32)
     best = np.full(count, np.iinfo(np.int32).max, np.int32)
+    own = half_surface(active) / 2
     for distance in range(1, min(RADIUS, count - 1) + 1):
-        surface = half_surface(np.minimum(active[:, :-distance], active[:, distance:]))
-        key = (surface.view(np.int32) & ~CODE_BITS) | np.int32(2 * (distance - 1))
+        waste = half_surface(np.minimum(active[:, :-distance], active[:, distance:]))
+        waste -= own[:-distance] + own[distance:]
+        key = (waste.view(np.int32) & ~CODE_BITS) | np.int32(2 * (distance - 1))
         np.minimum(best[:-distance], key | odd[:-distance], out=best[:-distance])
         np.minimum(best[distance:], key | (odd[distance:] ^ 1), out=best[distance:])
     code = best & CODE_BITS

@@ -1,6 +1,6 @@
-"""Two levels of trees in one table: a world tree of flattened primitives, a world tree of instances, a tree per mesh.
+"""Two levels of trees in one table: world trees of flattened primitives and of instances, a tree per shared mesh.
 
-Imports `bvh`, `leaves`, `placed` and `primitives`.
+Imports `joined`, `bvh`, `placed` and `primitives`.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate.bvh import NODE_ROWS, REFERENCE_ROW, WIDTH, Frame, Tree, build_tree, make_frame, to_bounds
+from raytracer.accelerate.bvh import Frame, make_frame, to_bounds
 from raytracer.accelerate.clustering import Bounds
 from raytracer.accelerate.geometry import Geometry
-from raytracer.accelerate.leaves import LEAF_ROWS, pack_leaves
+from raytracer.accelerate.joined import NO_BOUNDS, NO_CORNERS, JoinedTree, Name, Table, TreeInput
 from raytracer.accelerate.placed import PlacedTrees, can_be_placed, invert
 from raytracer.accelerate.primitives import Primitives, extremes, instance_bounds
 from raytracer.predicates import gamma
@@ -21,9 +21,9 @@ from raytracer.rays import Booleans, Floats
 
 # Copies of triangles that flattening may add in all (72 bytes each, plus their share of a tree).
 FLATTEN_LIMIT = 1 << 17
-# Triangles whose boxes are computed at a time.
-BLOCK = 1 << 14
-NO_CORNERS = np.zeros((0, 9))
+# Flattened instances of as many triangles have trees of their own, so that they need not be built again when another
+# moves; a tree costs some milliseconds however small it is.
+PART_TRIANGLES = 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,7 @@ class Hierarchy:
         `meshes_begin`, then triangles of shared meshes
     roots : nodes at which every ray begins
     placed : the shared meshes' trees, or None
+    trees : the trees by name, for the next build
     """
 
     frame: Frame
@@ -47,29 +48,7 @@ class Hierarchy:
     meshes_begin: int
     roots: tuple[int, ...]
     placed: PlacedTrees | None
-
-
-class _Table:
-    """Trees being joined into one table of nodes and leaves."""
-
-    def __init__(self) -> None:
-        self.nodes = [np.zeros((0, NODE_ROWS, WIDTH), np.float32)]
-        self.triangles = [np.zeros((0, LEAF_ROWS, WIDTH), np.float32)]
-        self.items = [np.zeros((0, WIDTH), np.int64)]
-        self.node_count = self.leaf_count = 0
-
-    def append(self, tree: Tree, corners: NDArray, item_ids: NDArray[np.int64]) -> int:
-        """Add a tree whose item k is `item_ids[k]`, the first of them triangles, renumbering it; return its root."""
-        nodes = tree.nodes
-        reference = nodes.view(np.int32)[:, REFERENCE_ROW]
-        reference += np.where(reference < 0, np.int32(-self.leaf_count), np.int32(self.node_count))
-        root = self.node_count
-        self.nodes.append(nodes)
-        self.triangles.append(pack_leaves(tree, corners))
-        self.items.append(item_ids[tree.leaves])
-        self.node_count += len(nodes)
-        self.leaf_count += len(tree.leaves)
-        return root
+    trees: dict[Name, JoinedTree]
 
 
 def choose_flattened(geometry: Geometry) -> Booleans:
@@ -96,48 +75,71 @@ def choose_flattened(geometry: Geometry) -> Booleans:
     return flattened
 
 
-def build_hierarchy(primitives: Primitives) -> Hierarchy:
-    """Build all trees that the primitives need, and no other."""
+def build_hierarchy(primitives: Primitives, last: Hierarchy | None = None) -> Hierarchy:
+    """Build all trees that the primitives need, and no other.
+
+    last : the hierarchy of the scene as it was before; trees of what did not move or change since are taken from it.
+        What is flattened has a tree of its own per instance of at least PART_TRIANGLES triangles; the rest shares one.
+    """
     geometry = primitives.geometry
     shared = np.flatnonzero(~primitives.flattened)
     sphere_boxes = _sphere_boxes(geometry)
-    frame = _world_frame(primitives, sphere_boxes)
-    table = _Table()
+    frame = _world_frame(primitives, sphere_boxes, last)
+    table = Table(last.trees if last else {})
     roots = []
-    flat_ids = _flat_ids(primitives)
-    if len(flat_ids):
-        bounds = np.concatenate([_triangle_bounds(frame, primitives.corners), to_bounds(frame, sphere_boxes)], axis=1)
-        roots.append(table.append(build_tree(bounds, frame), primitives.corners, flat_ids))
+    if len(primitives.corners) + len(sphere_boxes):
+        roots.append(_build_flattened(table, primitives, frame, to_bounds(frame, sphere_boxes)))
     instances_begin = table.leaf_count
     if len(shared):
-        tree = build_tree(to_bounds(frame, instance_bounds(geometry, shared)), frame, leaf_size=1)
-        roots.append(table.append(tree, NO_CORNERS, shared.astype(np.int64)))
+        source = TreeInput(frame, NO_CORNERS, to_bounds(frame, instance_bounds(geometry, shared)), leaf_size=1)
+        roots.append(table.append(("instances", 0), source, shared.astype(np.int64)))
     meshes_begin = table.leaf_count
     placed = _build_meshes(table, geometry, shared) if len(shared) else None
+    nodes, triangles, items = table.join()
     return Hierarchy(
         frame=frame,
-        nodes=np.concatenate(table.nodes),
-        triangles=np.concatenate(table.triangles),
-        items=np.concatenate(table.items),
+        nodes=nodes,
+        triangles=triangles,
+        items=items,
         instances_begin=instances_begin,
         meshes_begin=meshes_begin,
         roots=tuple(roots),
         placed=placed,
+        trees=table.trees,
     )
 
 
-def _world_frame(primitives: Primitives, sphere_boxes: Floats) -> Frame:
-    """The frame of all triangles, shared ones included, and spheres."""
+def _world_frame(primitives: Primitives, sphere_boxes: Floats, last: Hierarchy | None) -> Frame:
+    """The frame of all triangles, shared ones included, and spheres; the last one while it fits well enough."""
     triangles = primitives.bounds if primitives.geometry.sphere_id else np.zeros((0, 3))
     points = np.concatenate([triangles, sphere_boxes.reshape(-1, 3)])
-    return make_frame(*extremes(points)) if len(points) else make_frame(np.zeros(3), np.zeros(3))
+    low, high = extremes(points) if len(points) else np.zeros((2, 3))
+    frame = make_frame(low, high)
+    if last is None or abs(last.frame.exponent - frame.exponent) > 1:
+        return frame
+    fits = np.abs(last.frame.place(np.stack([low, high]))).max() <= 1
+    return last.frame if fits else frame
 
 
-def _flat_ids(primitives: Primitives) -> NDArray[np.int64]:
-    """(k,) ids of flattened triangles, as `Primitives.corners` orders them, then of spheres."""
+def _build_flattened(table: Table, primitives: Primitives, frame: Frame, sphere_bounds: Bounds) -> int:
+    """Build the trees of flattened triangles and spheres; return the root."""
     geometry = primitives.geometry
-    triangle = np.repeat(primitives.flattened, np.diff(geometry.first_id)[: len(primitives.flattened)])
-    return np.concatenate([np.flatnonzero(triangle), np.arange(geometry.sphere_id, geometry.first_id[-1])])
+    count = np.diff(geometry.first_id)[: len(primitives.flattened)]
+    large = np.flatnonzero(primitives.flattened & (count >= PART_TRIANGLES))
+    rest = np.ones(len(primitives.corners), dtype=bool)
+    roots: dict[Name, int] = {}
+    for instance in large:
+        ids = geometry.first_id[instance] + np.arange(count[instance])
+        rows = slice(ids[0] + primitives.row_shift[instance], ids[-1] + 1 + primitives.row_shift[instance])
+        rest[rows] = False
+        name = ("instance", int(instance))
+        roots[name] = table.append(name, TreeInput(frame, primitives.corners[rows], NO_BOUNDS), ids)
+    ids = np.flatnonzero(np.repeat(primitives.flattened, count))[rest]
+    ids = np.concatenate([ids, np.arange(geometry.sphere_id, geometry.first_id[-1])])
+    if len(ids):
+        corners = primitives.corners if rest.all() else primitives.corners[rest]
+        roots["rest", 0] = table.append(("rest", 0), TreeInput(frame, corners, sphere_bounds), ids)
+    return table.append_top(("parts", 0), frame, roots) if len(roots) > 1 else next(iter(roots.values()))
 
 
 def _sphere_boxes(geometry: Geometry) -> Floats:
@@ -145,16 +147,6 @@ def _sphere_boxes(geometry: Geometry) -> Floats:
     radii = geometry.radii[:, None]
     low = np.nextafter(geometry.centres - radii, -np.inf)
     return np.stack([low, np.nextafter(geometry.centres + radii, np.inf)], axis=1)
-
-
-def _triangle_bounds(frame: Frame, corners: NDArray) -> Bounds:
-    """(6, t) bounds of triangles, (t, 9) corners, block by block."""
-    bounds = np.empty((6, len(corners)), np.float32)
-    for start in range(0, len(corners), BLOCK):
-        a, b, c = np.ascontiguousarray(corners[start : start + BLOCK].T, dtype=np.float64).reshape(3, 3, -1)
-        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-        bounds[:, start : start + BLOCK] = to_bounds(frame, np.stack([low.T, high.T], axis=1))
-    return bounds
 
 
 def _mesh_corners(geometry: Geometry, mesh: int) -> Floats:
@@ -167,7 +159,7 @@ def _mesh_frame(corners: Floats) -> Frame:
     return make_frame(*extremes(corners.reshape(-1, 3)))
 
 
-def _build_meshes(table: _Table, geometry: Geometry, shared: NDArray) -> PlacedTrees:
+def _build_meshes(table: Table, geometry: Geometry, shared: NDArray) -> PlacedTrees:
     """Build one tree per mesh of the shared instances; meshes that share their geometry share the tree."""
     count = len(geometry.instance_mesh)
     root, exponent = np.zeros(count, np.int32), np.zeros(count, np.int32)
@@ -177,8 +169,7 @@ def _build_meshes(table: _Table, geometry: Geometry, shared: NDArray) -> PlacedT
         users = shared[first_row[shared] == row]
         corners = _mesh_corners(geometry, int(geometry.instance_mesh[users[0]]))
         frame = _mesh_frame(corners)
-        tree = build_tree(_triangle_bounds(frame, corners), frame)
-        root[users] = table.append(tree, corners, np.arange(len(corners)))
+        root[users] = table.append(("mesh", int(row)), TreeInput(frame, corners, NO_BOUNDS), np.arange(len(corners)))
         centre[users], exponent[users] = frame.centre, frame.exponent
         largest[users] = np.abs(corners.reshape(-1, 3)).max(axis=0)
     matrices = geometry.world_from_object

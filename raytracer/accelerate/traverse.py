@@ -5,7 +5,12 @@ ones, the nearest last, so that a ray's nearer boxes are opened first and its be
 in a buffer until there are enough to test together. There is no Python loop over rays, triangles or nodes.
 
 What is gathered are rows of four floats, one per child: a node's as they are stored, a ray's with each number four
-times. So nothing is transposed, and every operation runs over contiguous memory.
+times. So nothing is transposed, and every operation runs over contiguous memory. Hits that the float32 test of a leaf
+is sure of cull at once; the exact test of candidates waits until there are many.
+
+Nanoseconds per pair of ray and node on one core: gathering 17 rows 20, slabs 12, ordering 5, the rest 25; per pair of
+ray and leaf 150. Tried in vain: rays sorted by place or direction (4% quicker, which is what sorting costs), eight
+children per node, steps of other sizes from 4096 to 32768, no ordering (20% more nodes where much lies behind).
 Imports `hierarchy`, `leaves`, `culling`, `placed` and `search`.
 """
 
@@ -197,7 +202,9 @@ class Traversal:
         count = len(row)
         if not count:
             return
-        keys = _sort_four(self._enter_boxes(row, node).reshape(WIDTH, count))
+        keys = self._enter_boxes(row, node).reshape(WIDTH, count)
+        if not self.search.any_hit:  # for which the order hardly matters
+            keys = _sort_four(keys)
         chosen = np.flatnonzero(keys < INFINITY_BITS)
         key = keys.ravel().take(chosen)
         lane = chosen - chosen // count * count  # far quicker than the remainder

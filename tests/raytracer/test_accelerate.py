@@ -1,14 +1,18 @@
 """Every way of finding candidates gives the hits of brute force, bit for bit, and a batch those of its single rays."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 
 import raytracer
-from raytracer.accelerate import bvh, clustering, culling, hierarchy
+from raytracer.accelerate import bvh, clustering, culling, hierarchy, joined
 from raytracer.accelerate.brute_force import offer_all
 from raytracer.accelerate.caster import Caster
 from raytracer.accelerate.geometry import instance_corners, pack_geometry, world_corners
 from raytracer.accelerate.primitives import instance_bounds, make_primitives
+from raytracer.accelerate.traverse import offer_traversed
 from tests.meshes import make_grid, make_icosphere, make_soup
 
 FIELDS = ("distance", "distance_error", "instance", "primitive", "barycentric", "valid")
@@ -176,8 +180,9 @@ def test_clusters_lie_side_by_side_and_their_bounds_are_the_unions(rng):
         np.testing.assert_array_equal(bounds[:, items].min(axis=1), clusters.bounds[:, k])
 
 
-def test_partners_have_the_smallest_common_surface_of_all_neighbours(rng):
+def test_partners_waste_the_least_surface_of_all_neighbours(rng):
     bounds = np.concatenate([rng.uniform(-1, 0, (3, 300)), rng.uniform(-1, 0, (3, 300))]).astype(np.float32)
+    surface = clustering.half_surface(bounds)
     for block in (7, 64, 1 << 14):
         clustering.BLOCK, keep = block, clustering.BLOCK
         try:
@@ -186,10 +191,10 @@ def test_partners_have_the_smallest_common_surface_of_all_neighbours(rng):
             clustering.BLOCK = keep
         for place in range(300):
             near = [k for k in range(place - 8, place + 9) if 0 <= k < 300 and k != place]
-            surface = clustering.half_surface(np.minimum(bounds[:, [place]], bounds[:, near]))
-            chosen = surface[near.index(partners[place])]
+            union = clustering.half_surface(np.minimum(bounds[:, [place]], bounds[:, near]))
+            waste = union - (surface[place] / 2 + surface[near] / 2)
             # 4 bits of 24 give way to the neighbour's code.
-            assert chosen <= surface.min() * (1 + 2.0**-18)
+            assert waste[near.index(partners[place])] <= waste.min() * (1 + 2.0**-18)
 
 
 def test_instance_boxes_hold_rounded_world_corners(rng):
@@ -260,3 +265,64 @@ def test_tree_is_built_when_the_first_rays_need_it():
     assert caster.offer.hierarchy is None
     caster.closest_hit((0.1, 0.2, 1.0), (0.0, 0.0, -1.0))
     assert caster.offer.hierarchy.roots == (0,)
+
+
+def scene_of_parts(moved=None, turned=0.0):
+    """Three large meshes, two small ones, spheres and a forest of placed instances; one part may be moved."""
+    names = ("left", "middle", "right", "small", "tiny")
+    sizes = (14, 12, 13, 4, 3)
+    meshes = []
+    for k, (name, size) in enumerate(zip(names, sizes, strict=True)):
+        positions, triangles = make_grid(size)
+        shift = 0.25 if name == moved else 0.0
+        meshes.append(raytracer.Mesh(positions * 0.2 + (2.0 * k - 4.0, shift, 0.1 * k), triangles))
+    tree = raytracer.Mesh(*make_icosphere(2))
+    matrices = np.tile(np.eye(4), (9, 1, 1))
+    matrices[:, 0, 3], matrices[:, 2, 3] = np.linspace(-4, 4, 9), -2 - turned
+    matrices = np.concatenate([np.tile(np.eye(4), (5, 1, 1)), matrices])
+    spheres = raytracer.Spheres(np.array([[0.0, 2.0, 1.0], [1.0, -2.0, 1.0]]), np.array([0.5, 0.4]))
+    instances = raytracer.Instances(np.array([0, 1, 2, 3, 4] + [5] * 9), matrices)
+    return raytracer.Scene(meshes=[*meshes, tree], instances=instances, spheres=[spheres])
+
+
+@pytest.mark.parametrize(
+    ("moved", "turned", "grown"),
+    [
+        (None, 0.0, set()),
+        ("middle", 0.0, {("instance", 1)}),
+        ("tiny", 0.0, {("rest", 0)}),
+        (None, 0.5, {("instances", 0)}),
+    ],
+)
+def test_only_trees_of_what_moved_are_built_again(rng, monkeypatch, moved, turned, grown):
+    monkeypatch.setattr(hierarchy, "FLATTEN_LIMIT", 0)
+    monkeypatch.setattr(hierarchy, "PART_TRIANGLES", 200)
+    before, after = (raytracer.build(scene) for scene in (scene_of_parts(), scene_of_parts(moved, turned)))
+    last = hierarchy.build_hierarchy(before.primitives)
+    names = {("instance", 0), ("instance", 1), ("instance", 2), ("rest", 0), ("instances", 0), ("parts", 0)}
+    assert {name for name in last.trees if name[0] != "mesh"} == names
+    sources = []
+    grow = joined.grow_tree
+    monkeypatch.setattr(joined, "grow_tree", lambda source: sources.append(source) or grow(source))
+    reused = hierarchy.build_hierarchy(after.primitives, last)
+    assert reused.frame is last.frame
+    assert {name for name, tree in reused.trees.items() if tree.source in sources} == grown | {("parts", 0)}
+    rays = mixed_rays(rng, 800, np.concatenate([mesh.positions for mesh in after.scene.meshes]))
+    caster = replace(after, offer=partial(offer_traversed, reused), smallest_pencil=None)
+    assert_same_hits(caster.closest_hit(*rays), brute_force(after).closest_hit(*rays))
+    # And once more from what was reused.
+    again = replace(before, offer=partial(offer_traversed, hierarchy.build_hierarchy(before.primitives, reused)))
+    assert_same_hits(replace(again, smallest_pencil=None).closest_hit(*rays), brute_force(before).closest_hit(*rays))
+
+
+def test_frame_is_left_when_the_scene_outgrows_it(rng):
+    positions, triangles = make_grid(8)
+    before, after = (
+        raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(positions * size, triangles)])) for size in (1.0, 2.5)
+    )
+    last = hierarchy.build_hierarchy(before.primitives)
+    grown = hierarchy.build_hierarchy(after.primitives, last)
+    assert grown.frame is not last.frame
+    rays = mixed_rays(rng, 200, after.scene.meshes[0].positions)
+    caster = replace(after, offer=partial(offer_traversed, grown), smallest_pencil=None)
+    assert_same_hits(caster.closest_hit(*rays), brute_force(after).closest_hit(*rays))
