@@ -17,7 +17,7 @@ from raytracer.accelerate.crossings import CrossingSearch
 from raytracer.accelerate.geometry import Geometry, pack_geometry
 from raytracer.accelerate.hierarchy import Hierarchy, build_hierarchy, choose_flattened
 from raytracer.accelerate.matrix_form import MatrixForm
-from raytracer.accelerate.pencil import Pencil, Rows, find_pencil, make_views
+from raytracer.accelerate.pencil import Rows, View, find_pencil, make_views
 from raytracer.accelerate.primitives import PRECISIONS, Primitives, make_primitives
 from raytracer.accelerate.project import offer_projected
 from raytracer.accelerate.projection import project
@@ -35,8 +35,9 @@ PENCIL_RAYS = 1 << 18
 CALL_RAYS = 1 << 20
 # Up to this many triangles and spheres, looking at all of them is quicker than a tree.
 MATRIX_TRIANGLES, MATRIX_SPHERES = 128, 8
-# With fewer rays than this share of the triangles, and than this many, a tree is quicker than projection.
-PENCIL_SHARE, SMALLEST_PENCIL = 0.25, 4096
+# With fewer rays than this share of the triangles, or than this many, a tree is quicker than projection; a matrix form
+# is quicker still.
+PENCIL_SHARE, SMALLEST_PENCIL, SMALLEST_PENCIL_OF_FEW = 0.25, 4096, 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,8 @@ class Caster:
     """A scene ready to be cast into.
 
     offer : the accelerator for any rays, a function that offers a Search all candidates its rays can hit
-    smallest_pencil : least number of rays with a common point or direction that are projected; None: never
+    smallest_pencil : least number of rays with a common point or direction, for each view of theirs, that are
+        projected; None: never
     """
 
     scene: Scene
@@ -110,15 +112,25 @@ class Caster:
             return
         for start in range(0, len(rays), CALL_RAYS):
             some = rays.select(slice(start, start + CALL_RAYS))
-            pencil = None
-            if self.smallest_pencil is not None and len(some) >= self.smallest_pencil:
-                pencil = find_pencil(some)
-            cast = self._cast_any(some, any_hit) if pencil is None else self._cast_pencil(pencil, some, any_hit)
+            views = self._find_views(some)
+            cast = self._cast_views(views, some, any_hit) if views else self._cast_any(some, any_hit)
             for rows, search in cast:
                 yield (
                     (slice(start + rows.start, start + rows.stop) if isinstance(rows, slice) else start + rows),
                     search,
                 )
+
+    def _find_views(self, rays: Rays) -> list[View]:
+        """The views of rays that form a pencil with enough rays for each; else none."""
+        if self.smallest_pencil is None or len(rays) < self.smallest_pencil:
+            return []
+        pencil = find_pencil(rays)
+        if pencil is None:
+            return []
+        reach = np.abs(self.primitives.bounds - pencil.centre).max()
+        # A power of two by which the scene and the pencil come to a size of about one.
+        views = list(make_views(pencil, rays, float(np.ldexp(1.0, -int(np.frexp(reach)[1])))))
+        return views if len(rays) >= self.smallest_pencil * len(views) else []
 
     def _cast_any(self, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
         for start in range(0, len(rays), BATCH_RAYS):
@@ -127,9 +139,9 @@ class Caster:
             self.offer(search)
             yield rows, search
 
-    def _cast_pencil(self, pencil: Pencil, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
+    def _cast_views(self, views: list[View], rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
         size = min(max(BATCH_RAYS, len(self.primitives.corners) // 2), PENCIL_RAYS)
-        for view in make_views(pencil, rays, self._choose_scale(pencil)):
+        for view in views:
             projection = project(view, self.primitives)
             for start in range(0, len(view), size):
                 stop = min(start + size, len(view))
@@ -137,11 +149,6 @@ class Caster:
                 search = Search(self.primitives, rays.select(rows), any_hit)
                 offer_projected(view, projection, search, slice(start, stop))
                 yield rows, search
-
-    def _choose_scale(self, pencil: Pencil) -> float:
-        """A power of two by which the scene and the pencil come to a size of about one."""
-        reach = np.abs(self.primitives.bounds - pencil.centre).max()
-        return float(np.ldexp(1.0, -int(np.frexp(reach)[1])))
 
     def crossings(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.int32]:
         """Return how many triangles each ray crosses, (n,) int32; odd means inside a closed mesh.
@@ -182,7 +189,7 @@ def build(scene: Scene, precision: str = "certified") -> Caster:
     primitives = make_primitives(geometry, precision, choose_flattened(geometry))
     sphere_count = len(geometry.radii)
     if sphere_count <= MATRIX_SPHERES and geometry.sphere_id <= MATRIX_TRIANGLES:
-        return Caster(scene, primitives, MatrixForm(primitives), SMALLEST_PENCIL)
+        return Caster(scene, primitives, MatrixForm(primitives), SMALLEST_PENCIL_OF_FEW)
     smallest_pencil = None
     if primitives.flattened.all():
         smallest_pencil = max(SMALLEST_PENCIL, int(PENCIL_SHARE * len(primitives.corners)))

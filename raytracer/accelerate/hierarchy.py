@@ -20,7 +20,7 @@ from raytracer.predicates import gamma
 from raytracer.rays import Booleans, Floats
 
 # Copies of triangles that flattening may add in all (72 bytes each, plus their share of a tree).
-FLATTEN_LIMIT = 1 << 17
+FLATTEN_LIMIT = 1 << 19
 # Flattened instances of as many triangles have trees of their own, so that they need not be built again when another
 # moves; a tree costs some milliseconds however small it is.
 PART_TRIANGLES = 1 << 15

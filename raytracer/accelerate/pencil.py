@@ -31,7 +31,7 @@ SPREADS = 2.0**23
 # Rays within a cone of this cosine share one view; others are split between the six faces of a cube.
 ONE_VIEW = 0.35
 # Angles that are tried for the view's axes, and rays that vote.
-SPIN_COUNT, VOTERS = 32, 1024
+SPIN_COUNT, VOTERS = 32, 256
 
 
 Rows = NDArray[np.intp] | slice

@@ -84,7 +84,7 @@ def compare_with_brute_force(scene, origins, directions, t_min=0.0, t_max=np.inf
     """Cast by projection and by brute force; return the hits. Fails if the rays are not taken for a pencil."""
     caster = raytracer.build(scene)
     projecting, brute = (
-        replace(caster, offer=None, smallest_pencil=1),
+        replace(caster, offer=None, smallest_pencil=0),
         replace(caster, offer=offer_all, smallest_pencil=None),
     )
     arguments = origins, directions, t_min, t_max
@@ -159,7 +159,7 @@ def test_camera_rays_of_a_picture_are_exact(rng):
     origins = np.tile((0.1, -3.0, 0.2), (x.size, 1))
     hits = compare_with_brute_force(scene, origins, directions)
     some = rng.choice(x.size, 1000, replace=False)
-    exact = judge(replace(raytracer.build(scene), smallest_pencil=1), origins[some], directions[some])
+    exact = judge(replace(raytracer.build(scene), smallest_pencil=0), origins[some], directions[some])
     np.testing.assert_array_equal(exact.distance, hits.distance[some])
 
 
