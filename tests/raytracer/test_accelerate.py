@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.accelerate import bvh, clustering, culling, hierarchy, joined
+from raytracer.accelerate import bvh, clustering, culling, hierarchy, joined, traverse
 from raytracer.accelerate.brute_force import offer_all
 from raytracer.accelerate.caster import Caster
 from raytracer.accelerate.geometry import instance_corners, pack_geometry, world_corners
 from raytracer.accelerate.primitives import instance_bounds, make_primitives
+from raytracer.accelerate.search import Search
 from raytracer.accelerate.traverse import offer_traversed
+from raytracer.rays import make_rays
 from tests.meshes import make_grid, make_icosphere, make_soup
 
 FIELDS = ("distance", "distance_error", "instance", "primitive", "barycentric", "valid")
@@ -326,3 +328,22 @@ def test_frame_is_left_when_the_scene_outgrows_it(rng):
     rays = mixed_rays(rng, 200, after.scene.meshes[0].positions)
     caster = replace(after, offer=partial(offer_traversed, grown), smallest_pencil=None)
     assert_same_hits(caster.closest_hit(*rays), brute_force(after).closest_hit(*rays))
+
+
+def test_rows_of_instances_are_forgotten_when_they_are_done_with(rng, monkeypatch):
+    monkeypatch.setattr(hierarchy, "FLATTEN_LIMIT", 0)
+    monkeypatch.setattr(traverse, "LEAF_BATCH", 64)
+    matrices = np.tile(np.eye(4), (40, 1, 1))
+    matrices[:, :3, 3] = rng.uniform(-6, 6, (40, 3))
+    instances = raytracer.Instances(np.zeros(40, np.int32), matrices)
+    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_icosphere(2))], instances=instances))
+    rays = make_rays(*mixed_rays(rng, 500, matrices[:, :3, 3]))
+    search = Search(caster.primitives, rays, any_hit=False)
+    traversal = traverse.Traversal(hierarchy.build_hierarchy(caster.primitives), search)
+    largest = []
+    enter = traversal._enter_instances
+    monkeypatch.setattr(traversal, "_enter_instances", lambda: (enter(), largest.append(traversal.rows.count)))
+    traversal.run()
+    assert traversal.rows.count == 500
+    assert len(largest) > 5
+    assert max(largest) < 500 + 0.5 * sum(np.array(largest) - 500)
