@@ -174,10 +174,12 @@ class Caster:
         return count
 
 
-def build(scene: Scene, precision: str = "certified") -> Caster:
+def build(scene: Scene, precision: str = "certified", last: Caster | None = None) -> Caster:
     """Return a Caster for `scene`.
 
     precision : 'certified' (every decision as exact arithmetic would make it), 'float64' or 'float32'
+    last : the caster of the scene as it was before, for instance a frame ago; trees of what did not move are taken from
+        it. No result depends on it.
 
     Raises
     ------
@@ -193,21 +195,27 @@ def build(scene: Scene, precision: str = "certified") -> Caster:
     smallest_pencil = None
     if primitives.flattened.all():
         smallest_pencil = max(SMALLEST_PENCIL, int(PENCIL_SHARE * len(primitives.corners)))
-    return Caster(scene, primitives, TreeOffer(primitives), smallest_pencil)
+    hierarchy = last.offer.latest if last is not None and isinstance(last.offer, TreeOffer) else None
+    return Caster(scene, primitives, TreeOffer(primitives, hierarchy), smallest_pencil)
 
 
 class TreeOffer:
-    """Offers candidates found by a hierarchy, which is built when the first rays ask for it."""
+    """Offers candidates found by a hierarchy, which is built when the first rays ask for it.
 
-    def __init__(self, primitives: Primitives) -> None:
+    latest : the hierarchy, or until it is built the one that it will be built from
+    """
+
+    def __init__(self, primitives: Primitives, last: Hierarchy | None = None) -> None:
         self.primitives = primitives
-        self.hierarchy: Hierarchy | None = None
+        self.latest = last
+        self.is_built = False
 
     def __call__(self, search: Search) -> None:
         """Offer a search all primitives that its rays may hit."""
-        if self.hierarchy is None:
-            self.hierarchy = build_hierarchy(self.primitives)
-        offer_traversed(self.hierarchy, search)
+        if not self.is_built:
+            self.latest, self.is_built = build_hierarchy(self.primitives, self.latest), True
+        assert self.latest is not None
+        offer_traversed(self.latest, search)
 
 
 def _misses(valid: Booleans) -> Hits:
