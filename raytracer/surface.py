@@ -83,6 +83,7 @@ class SurfaceTables:
     normals, uvs : CornerTable, or None where no mesh has any, or nothing reads them
     with_barycentric : True where programs of materials read more
     triangles : of all instances, by primitive id, or None where there are too many
+    roundoff : unit roundoff of the caster's arithmetic over float64's
     """
 
     geometry: Geometry
@@ -96,12 +97,16 @@ class SurfaceTables:
     uvs: CornerTable | None
     with_barycentric: bool = False
     triangles: Triangles | None = None
+    roundoff: float = 1.0
 
 
 def make_surface_tables(
-    scene: Scene, geometry: Geometry, smooth_normals: bool, uvs: bool, barycentric: bool = False
+    scene: Scene, geometry: Geometry, smooth_normals: bool, uvs: bool, barycentric: bool = False, roundoff: float = 1.0
 ) -> SurfaceTables:
-    """Pack what `make_surface` gathers from; normals, uvs and barycentric weights only where asked for."""
+    """Pack what `make_surface` gathers from; normals, uvs and barycentric weights only where asked for.
+
+    roundoff : unit roundoff of the caster's arithmetic over float64's; bounds on positions grow with it
+    """
     instance_meshes = [scene.meshes[mesh] for mesh in geometry.instance_mesh]
     mesh_material = [np.atleast_1d(np.asarray(mesh.material, dtype=np.int32)) for mesh in scene.meshes]
     group_material = [np.atleast_1d(np.asarray(group.material, dtype=np.int32)) for group in scene.spheres]
@@ -122,6 +127,7 @@ def make_surface_tables(
         uvs=pack_corners(scene, lambda mesh: mesh.uvs, 2) if uvs else None,
         with_barycentric=barycentric,
         triangles=_measure_all_triangles(geometry, mirrored),
+        roundoff=roundoff,
     )
 
 
@@ -177,7 +183,7 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
     ]
     return Surface(
         position=position,
-        position_error=error,
+        position_error=error * tables.roundoff,
         geometric_normal=normal,
         shading_normal=normal if tables.normals is None else shading,
         outgoing=outgoing,

@@ -58,6 +58,11 @@ class Caster:
     def geometry(self) -> Geometry:
         return self.primitives.geometry
 
+    @property
+    def roundoff(self) -> float:
+        """Unit roundoff of the precision over that of float64."""
+        return float(np.finfo(self.primitives.dtype).eps / np.finfo(np.float64).eps)
+
     def closest_hit(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
     ) -> Hits:

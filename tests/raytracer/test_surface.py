@@ -12,6 +12,7 @@ from raytracer.features import derive_features
 from raytracer.lecture import barycentric, dot
 from raytracer.rays import Hits, make_rays
 from raytracer.surface import make_surface, make_surface_tables, spawn_origin
+from tests import meshes
 
 RIGHT_TRIANGLE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
@@ -207,8 +208,27 @@ def test_make_surface_is_the_same_with_and_without_a_table_of_triangles(monkeypa
     surfaces = []
     for limit in (90, 89):
         monkeypatch.setattr(surface_module, "LARGEST_TABLE", limit)
-        tables = make_surface_tables(scene, caster.geometry, False, False)
+        tables = make_surface_tables(scene, caster.geometry, False, False, roundoff=caster.roundoff)
         assert (tables.triangles is None) == (limit == 89)
         surfaces.append(make_surface(tables, rays, hits))
     for name in ("position", "position_error", "geometric_normal"):
         np.testing.assert_array_equal(getattr(surfaces[0], name), getattr(surfaces[1], name))
+
+
+@pytest.mark.parametrize("precision", ["certified", "float64", "float32"])
+@pytest.mark.parametrize("scale", [1.0, 1e6])
+def test_rays_leaving_a_convex_mesh_do_not_meet_it_again(rng, precision, scale):
+    """In every precision: with bounds of float64, half of the rays of float32 were blocked by their own triangle."""
+    positions, triangles = meshes.make_icosphere(3)
+    scene = raytracer.Scene(meshes=[raytracer.Mesh(positions * scale + scale, triangles)])
+    caster = raytracer.build(scene, precision)
+    origins = (positions[rng.integers(len(positions), size=2000)] * 3 + 1) * scale
+    directions = scale * (1 + 0.9 * rng.uniform(-0.5, 0.5, (2000, 3))) - origins
+    rays = make_rays(origins, directions)
+    hits = caster.closest_hit(origins, directions)
+    rays, hits = rays.select(hits.hit), hits.select(hits.hit)
+    tables = make_surface_tables(scene, caster.geometry, False, False, roundoff=caster.roundoff)
+    points = make_surface(tables, rays, hits)
+    away = points.geometric_normal + 0.9 * rng.uniform(-0.5, 0.5, (len(rays), 3))
+    assert len(rays) > 1000
+    assert caster.any_hit(spawn_origin(points, away), away).sum() == 0
