@@ -8,7 +8,7 @@ Imports `bvh`, `clustering` and `leaves`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +101,10 @@ class Table:
     def append(self, name: Name, source: TreeInput, item_ids: NDArray[np.int64]) -> int:
         """Add the tree of an input whose item k is `item_ids[k]`; return its root."""
         known = self.last.get(name)
-        tree = known if known and known.source.equals(source) else grow_tree(source)
+        if known and known.source.equals(source):
+            tree = replace(known, source=source)  # the new one, so that the arrays of the last scene can be freed
+        else:
+            tree = grow_tree(source)
         return self._add(name, tree, item_ids[tree.leaves])
 
     def append_top(self, name: Name, frame: Frame, roots: Mapping[Name, int]) -> int:
@@ -122,8 +125,13 @@ class Table:
         reference += np.where(reference < 0, np.int32(tree.leaf_base - self.leaf_count), inner)
         kept = len(items)
         root = self.node_count
-        self.trees[name] = JoinedTree(
-            tree.source, nodes, tree.triangles[:kept], tree.leaves[:kept], root, self.leaf_count
+        self.trees[name] = replace(
+            tree,
+            nodes=nodes,
+            triangles=tree.triangles[:kept],
+            leaves=tree.leaves[:kept],
+            node_base=root,
+            leaf_base=self.leaf_count,
         )
         self.items.append(items)
         self.node_count += len(nodes)
@@ -138,7 +146,5 @@ class Table:
             rows = slice(tree.node_base, tree.node_base + len(tree.nodes))
             leaf_rows = slice(tree.leaf_base, tree.leaf_base + len(tree.leaves))
             nodes[rows], triangles[leaf_rows] = tree.nodes, tree.triangles
-            self.trees[name] = JoinedTree(
-                tree.source, nodes[rows], triangles[leaf_rows], tree.leaves, tree.node_base, tree.leaf_base
-            )
+            self.trees[name] = replace(tree, nodes=nodes[rows], triangles=triangles[leaf_rows])
         return nodes, triangles, np.concatenate(self.items)

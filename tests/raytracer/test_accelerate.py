@@ -264,9 +264,9 @@ def test_crossings_need_certified_precision():
 
 def test_tree_is_built_when_the_first_rays_need_it():
     caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(16))]))
-    assert caster.offer.hierarchy is None
+    assert caster.offer.latest is None
     caster.closest_hit((0.1, 0.2, 1.0), (0.0, 0.0, -1.0))
-    assert caster.offer.hierarchy.roots == (0,)
+    assert caster.offer.latest.roots == (0,)
 
 
 def scene_of_parts(moved=None, turned=0.0):
@@ -309,12 +309,31 @@ def test_only_trees_of_what_moved_are_built_again(rng, monkeypatch, moved, turne
     reused = hierarchy.build_hierarchy(after.primitives, last)
     assert reused.frame is last.frame
     assert {name for name, tree in reused.trees.items() if tree.source in sources} == grown | {("parts", 0)}
+    assert not any(np.shares_memory(tree.source.corners, before.primitives.corners) for tree in reused.trees.values())
     rays = mixed_rays(rng, 800, np.concatenate([mesh.positions for mesh in after.scene.meshes]))
     caster = replace(after, offer=partial(offer_traversed, reused), smallest_pencil=None)
     assert_same_hits(caster.closest_hit(*rays), brute_force(after).closest_hit(*rays))
     # And once more from what was reused.
     again = replace(before, offer=partial(offer_traversed, hierarchy.build_hierarchy(before.primitives, reused)))
     assert_same_hits(replace(again, smallest_pencil=None).closest_hit(*rays), brute_force(before).closest_hit(*rays))
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_caster_takes_trees_from_the_last_one(rng, monkeypatch, asked):
+    """Also from the one before the last, where no ray asked for a tree in between."""
+    monkeypatch.setattr(hierarchy, "PART_TRIANGLES", 200)
+    first = raytracer.build(scene_of_parts())
+    rays = mixed_rays(rng, 300, np.concatenate([mesh.positions for mesh in first.scene.meshes]))
+    first.closest_hit(*rays)
+    second = raytracer.build(scene_of_parts("middle"), last=first)
+    if asked:
+        second.closest_hit(*rays)
+    third = raytracer.build(scene_of_parts("tiny"), last=second)
+    assert_same_hits(third.closest_hit(*rays), brute_force(third).closest_hit(*rays))
+    trees = [caster.offer.latest.trees for caster in (first, third)]
+    large = [("instance", k) for k in range(3)]
+    reused = [name for name in large if np.shares_memory(trees[0][name].leaves, trees[1][name].leaves)]
+    assert reused == ([("instance", 0), ("instance", 2)] if asked else large)
 
 
 def test_frame_is_left_when_the_scene_outgrows_it(rng):
