@@ -1,15 +1,13 @@
-"""Microfacet lobes: GGX reflection and refraction, mirror and clear glass at roughness 0.
+"""Microfacet lobes: GGX and Beckmann reflection and refraction, mirror and clear glass at roughness 0.
 
 A lobe is a row of `Microfacets`; all formulas work on m rows at once. `outgoing` points towards where the ray came
 from, `incoming` towards the light; both are unit vectors that leave the surface. Everything is in the units of
 value = f(outgoing, incoming) |cos|, so that the light reflected is the integral of value times radiance.
-Imports `lecture`, `frames`, `rays`.
+Lobes that reflect may be stretched along a tangent. Imports `lecture`, `frames`, `rays`, `facets`.
 
 References
 ----------
 B. Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007.
-E. Heitz, "Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs", JCGT 3(2), 2014.
-J. Dupuy, A. Benyoub, "Sampling Visible GGX Normals with Spherical Caps", High Performance Graphics 2023.
 P. Kutz, M. Hasan, E. Edmondson, "Novel Aspects of the Adobe Standard Material", 2023: the F82 tint.
 Blender, intern/cycles/kernel/closure/bsdf_microfacet.h: which Fresnel curve belongs to which node.
 """
@@ -18,19 +16,30 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.frames import make_frame, normalize, reflect, to_world
+from raytracer.facets import (
+    Stretch,
+    beckmann_density,
+    beckmann_shadowing,
+    facet_density,
+    sample_beckmann_normals,
+    sample_visible_normals,
+    shadowing,
+)
+from raytracer.frames import make_frame, normalize, reflect
 from raytracer.lecture import dot
 from raytracer.rays import Booleans, Floats
 
 # Cycles' limit: below it (squared alpha 2e-10) a lobe is a perfect mirror or clear glass.
 SMALLEST_ALPHA = 2e-10**0.5
+# An index of refraction of 0, which reflects all, would be divided by.
+SMALLEST_INDEX = 2.0**-100
 
-CONSTANT, METAL, DIELECTRIC = range(3)
+CONSTANT, METAL, DIELECTRIC, CONDUCTOR = range(4)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -40,12 +49,15 @@ class Microfacets:
     hit : (m,) int64, ascending, the point in its batch
     weight : (m, 3) float64, the lobe's factor
     normal : (m, 3) float64, unit, on the side of `outgoing`
-    alpha : (m,) float64, GGX roughness
+    alpha : (m,) float64, roughness; of stretched lobes the geometric mean
     eta : (m,) float64, index of refraction behind the surface over that in front of it
-    fresnel : (m,) int8, CONSTANT, METAL or DIELECTRIC
-    f0, f82 : (m, 3) float64, reflectance at normal incidence; the METAL curve's second coefficient
+    fresnel : (m,) int8, CONSTANT, METAL, DIELECTRIC or CONDUCTOR
+    f0, f82 : (m, 3) float64, reflectance at normal incidence; the METAL curve's second coefficient; of a CONDUCTOR
+        the real and the imaginary part of its index of refraction
     reflection, transmission : (m, 3) float64, tints; 0 switches that side off
     albedo : (m,) float64, estimate of the share of light that the lobe sends on, without `weight`
+    beckmann : Beckmann's distribution instead of GGX
+    stretch : None where no lobe is stretched
     """
 
     hit: NDArray[np.int64]
@@ -59,18 +71,24 @@ class Microfacets:
     reflection: Floats
     transmission: Floats
     albedo: Floats
+    beckmann: bool = False
+    stretch: Stretch | None = None
 
     def __len__(self) -> int:
         return len(self.hit)
 
     def select(self, rows: Any) -> Microfacets:
         """Return some of the lobes: index or boolean array."""
-        return Microfacets(*(getattr(self, field.name)[rows] for field in dataclasses.fields(self)))
+        stretch = None if self.stretch is None else self.stretch.select(rows)
+        return Microfacets(*(getattr(self, name)[rows] for name in ROW_FIELDS), self.beckmann, stretch)
 
     @property
     def is_perfect(self) -> Booleans:
         """(m,) True where the lobe has a single direction per side, which only sampling can find."""
         return self.alpha <= SMALLEST_ALPHA
+
+
+ROW_FIELDS = tuple(item.name for item in dataclasses.fields(Microfacets) if item.name not in ("beckmann", "stretch"))
 
 
 # Fresnel -------------------------------------------------------------------------------------------------------------
@@ -114,6 +132,18 @@ def metal_reflectance(cosine: Floats, f0: Floats, f82: Floats) -> Floats:
     return np.clip(f0 + (1.0 - f0) * fifth - f82 * cosine * fifth * (1.0 - cosine), 0.0, 1.0)
 
 
+def conductor_reflectance(cosine: Floats, index: Floats, extinction: Floats) -> Floats:
+    """Return Fresnel's reflectance of unpolarized light by a conductor of index m = n + i k; arrays that broadcast.
+
+    With c'^2 = 1 - (1 - c^2) / m^2: |r_s|^2 = |(c - m c') / (c + m c')|^2, |r_p|^2 = |(m c - c') / (m c + c')|^2.
+    """
+    m = np.maximum(index, SMALLEST_INDEX) + 1j * extinction
+    behind = np.sqrt(1.0 - (1.0 - cosine * cosine) / (m * m))
+    across = (cosine - m * behind) / (cosine + m * behind)
+    along = (m * cosine - behind) / (m * cosine + behind)
+    return (np.abs(across) ** 2 + np.abs(along) ** 2) / 2.0
+
+
 def schlick_share(cosine: Floats, eta: Floats) -> Floats:
     """Return how far the real Fresnel curve has come from F0 (0) to grazing incidence (1), (m,)."""
     f0 = normal_reflectance(eta)
@@ -129,41 +159,15 @@ def evaluate_fresnel(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats
     metal = np.flatnonzero(lobes.fresnel == METAL)
     reflectance[metal] = metal_reflectance(cosine[metal, np.newaxis], lobes.f0[metal], lobes.f82[metal])
     glassy = np.flatnonzero(lobes.fresnel == DIELECTRIC)
+    conducting = np.flatnonzero(lobes.fresnel == CONDUCTOR)
+    if len(conducting):
+        index, extinction = lobes.f0[conducting], lobes.f82[conducting]
+        reflectance[conducting] = conductor_reflectance(cosine[conducting, np.newaxis], index, extinction)
     share = schlick_share(cosine[glassy], lobes.eta[glassy])[:, np.newaxis]
     reflectance[glassy] = lobes.f0[glassy] + (1.0 - lobes.f0[glassy]) * share
     passing = np.where(lobes.fresnel[:, np.newaxis] == CONSTANT, 1.0, 1.0 - reflectance)
     total = (transmitted_cosine(cosine, lobes.eta) == 0)[:, np.newaxis]
     return reflectance * lobes.reflection, np.where(total, 0.0, passing * lobes.transmission)
-
-
-# Distribution --------------------------------------------------------------------------------------------------------
-
-
-def facet_density(alpha: Floats, cosine: Floats) -> Floats:
-    """D = alpha^2 / (pi (sin^2 + alpha^2 cos^2)^2), per facet normal at `cosine` to the surface normal."""
-    square = np.minimum(cosine * cosine, 1.0)
-    return alpha**2 / (np.pi * ((1.0 - square) + alpha**2 * square) ** 2)
-
-
-def shadowing(alpha: Floats, cosine: Floats) -> Floats:
-    """Smith's Lambda of GGX, (sqrt(1 + alpha^2 tan^2) - 1) / 2; G1 is 1 / (1 + Lambda)."""
-    square = np.maximum(cosine * cosine, np.finfo(np.float64).tiny)
-    return (np.sqrt(1.0 + alpha**2 * np.maximum(1.0 / square - 1.0, 0.0)) - 1.0) / 2.0
-
-
-def sample_visible_normals(local_outgoing: Floats, alpha: Floats, pair: Floats) -> Floats:
-    """Return facet normals (m, 3) with the density D G1 max(o . h, 0) / o_z seen from `local_outgoing` (z = normal).
-
-    Stretched by alpha the facets are a hemisphere; the normals halfway between the view and points even on a spherical
-    cap are those of the parts that are seen.
-    """
-    stretch = np.stack([alpha, alpha, np.ones_like(alpha)], axis=-1)
-    view = normalize(local_outgoing * stretch)
-    angle = 2.0 * np.pi * pair[:, 0]
-    height = (1.0 - pair[:, 1]) * (1.0 + view[:, 2]) - view[:, 2]
-    sine = np.sqrt(np.maximum(1.0 - height * height, 0.0))
-    cap = np.stack([sine * np.cos(angle), sine * np.sin(angle), height], axis=1)
-    return normalize((cap + view) * stretch)
 
 
 # The lobes -----------------------------------------------------------------------------------------------------------
@@ -197,20 +201,47 @@ def evaluate_microfacets(
     passes = cos_in < 0
     half = _half_vectors(lobes, outgoing, incoming, passes)
     cos_half_out, cos_half_in = dot(half, outgoing), dot(half, incoming)
+    cos_facet = dot(lobes.normal, half)
     possible = (cos_out > 0) & (cos_in != 0) & (cos_half_out > 0) & ((cos_half_in < 0) == passes) & ~lobes.is_perfect
-    possible &= dot(lobes.normal, half) > 0
+    possible &= cos_facet > 0
     reflectance, transmittance = evaluate_fresnel(lobes, np.clip(cos_half_out, 0.0, 1.0))
     span = lobes.eta[:, np.newaxis] * incoming + outgoing
     bend = lobes.eta**2 * np.abs(cos_half_out * cos_half_in) / np.where(passes & possible, dot(span, span), 1.0)
-    alpha = np.maximum(lobes.alpha, SMALLEST_ALPHA)
-    common = np.where(passes, bend, 0.25) * facet_density(alpha, dot(lobes.normal, half))
+    facets = _describe_facets(lobes, (half, cos_facet), (outgoing, cos_out), (incoming, cos_in))
+    common = np.where(passes, bend, 0.25) * facets.density
     common = np.where(possible, common / np.where(possible, cos_out, 1.0), 0.0)
-    shadow_out, shadow_in = shadowing(alpha, cos_out), shadowing(alpha, cos_in)
+    visible = 1.0 / (1.0 + facets.shadow_out)
+    if lobes.beckmann:  # all facets are sampled, with the density D cos of their normals
+        visible = cos_out * cos_facet / np.where(possible, cos_half_out, 1.0)
     value = np.where(passes[:, np.newaxis], transmittance, reflectance)
     choice = _reflection_probability(reflectance, transmittance)
     sampled = ((dot(geometric_normal, incoming) < 0) == passes) & (value > 0).any(axis=1)
-    density = np.where(sampled, common * np.where(passes, 1.0 - choice, choice) / (1.0 + shadow_out), 0.0)
-    return lobes.weight * value * (common / (1.0 + shadow_out + shadow_in))[:, np.newaxis], density
+    density = np.where(sampled, common * np.where(passes, 1.0 - choice, choice) * visible, 0.0)
+    return lobes.weight * value * (common / (1.0 + facets.shadow_out + facets.shadow_in))[:, np.newaxis], density
+
+
+class _Facets(NamedTuple):
+    """The density of the facets that reflect or refract, and what the others shadow, each (m,)."""
+
+    density: Floats
+    shadow_out: Floats
+    shadow_in: Floats
+
+
+_Seen = tuple[Floats, Floats]  # directions (m, 3) and their cosines (m,)
+
+
+def _describe_facets(lobes: Microfacets, half: _Seen, outgoing: _Seen, incoming: _Seen) -> _Facets:
+    density, shadow = (beckmann_density, beckmann_shadowing) if lobes.beckmann else (facet_density, shadowing)
+    alpha, stretch = np.maximum(lobes.alpha, SMALLEST_ALPHA), lobes.stretch
+    if stretch is None:
+        return _Facets(density(alpha, half[1]), shadow(alpha, outgoing[1]), shadow(alpha, incoming[1]))
+    width = stretch.find_facet_roughness(half[0])
+    return _Facets(
+        density(width, half[1]) * (width / alpha) ** 2,
+        shadow(stretch.find_shadowing_roughness(outgoing[0]), outgoing[1]),
+        shadow(stretch.find_shadowing_roughness(incoming[0]), incoming[1]),
+    )
 
 
 def _reflection_probability(reflectance: Floats, transmittance: Floats) -> Floats:
@@ -264,12 +295,22 @@ def _sample_half_vectors(lobes: Microfacets, outgoing: Floats, pair: Floats) -> 
     half = lobes.normal.copy()
     rough = np.flatnonzero(~lobes.is_perfect & (dot(lobes.normal, outgoing) > 0))
     if len(rough):
-        normal, view = lobes.normal[rough], outgoing[rough]
-        u, v = make_frame(normal)
-        local_view = np.stack([dot(u, view), dot(v, view), dot(normal, view)], axis=1)
-        facet = sample_visible_normals(local_view, lobes.alpha[rough], pair[rough])
-        half[rough] = normalize(to_world(facet, normal))
+        half[rough] = normalize(_sample_facets(lobes.select(rough), outgoing[rough], pair[rough]))
     return half
+
+
+def _sample_facets(lobes: Microfacets, outgoing: Floats, pair: Floats) -> Floats:
+    """Return facet normals (m, 3), of any length close to 1, of rough lobes."""
+    normal, stretch, alpha, across = lobes.normal, lobes.stretch, lobes.alpha, None
+    u, v = make_frame(normal) if stretch is None else (stretch.tangent, stretch.bitangent)
+    if stretch is not None:
+        alpha, across = stretch.along, stretch.across
+    if lobes.beckmann:
+        facet = sample_beckmann_normals(alpha, pair, across)
+    else:
+        view = np.stack([dot(u, outgoing), dot(v, outgoing), dot(normal, outgoing)], axis=1)
+        facet = sample_visible_normals(view, alpha, pair, across)
+    return facet[:, 0:1] * u + facet[:, 1:2] * v + facet[:, 2:3] * normal
 
 
 def refract(outgoing: Floats, normals: Floats, eta: Floats) -> Floats:

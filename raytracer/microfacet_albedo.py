@@ -5,7 +5,7 @@ is computed here, once per process and only for the indices of refraction in use
 lobe is then scaled so that what is missing, 1 - E, leaves in the shape of the first bounce, with the colour of the
 further ones ("Multiscatter GGX" in Blender). Values stand on the grid that Cycles uses (roughness by cosine by index of
 refraction, linear in between), so that both renderers interpolate alike.
-Imports `frames`, `microfacet`.
+Imports `facets`, `frames`, `microfacet`.
 
 References
 ----------
@@ -21,9 +21,10 @@ from functools import lru_cache, wraps
 
 import numpy as np
 
+from raytracer.facets import sample_visible_normals, shadowing
 from raytracer.frames import reflect
 from raytracer.lecture import dot
-from raytracer.microfacet import dielectric_reflectance, refract, sample_visible_normals, schlick_share, shadowing
+from raytracer.microfacet import dielectric_reflectance, refract, schlick_share
 from raytracer.rays import Floats
 
 # Cycles' grids: sizes, and the end points that stand in for 0 and for an infinite index of refraction.
