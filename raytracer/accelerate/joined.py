@@ -101,10 +101,8 @@ class Table:
     def append(self, name: Name, source: TreeInput, item_ids: NDArray[np.int64]) -> int:
         """Add the tree of an input whose item k is `item_ids[k]`; return its root."""
         known = self.last.get(name)
-        if known and known.source.equals(source):
-            tree = replace(known, source=source)  # the new one, so that the arrays of the last scene can be freed
-        else:
-            tree = grow_tree(source)
+        # The new input replaces the last one, so that the arrays of the last scene can be freed.
+        tree = replace(known, source=source) if known and known.source.equals(source) else grow_tree(source)
         return self._add(name, tree, item_ids[tree.leaves])
 
     def append_top(self, name: Name, frame: Frame, roots: Mapping[Name, int]) -> int:
