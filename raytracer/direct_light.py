@@ -3,7 +3,7 @@
 Every source of a scene becomes one function, a LightStage, that samples a direction from each point; what a scene lacks
 is not among them. A source that reflected rays can also meet is sampled in both ways, weighed by the power heuristic.
 Shadow rays that share the point they end at, or their direction, are cast in calls of their own.
-Imports `emitters`, `lights`, `shared_lights`, `materials`, `scatter`, `surface`, `sampling`.
+Imports `emitters`, `environment`, `lights`, `shared_lights`, `materials`, `scatter`, `surface`, `sampling`.
 """
 
 from __future__ import annotations
@@ -25,13 +25,12 @@ from raytracer.emitters import (
     sample_emitters,
     vary_radiance,
 )
-from raytracer.frames import to_world
-from raytracer.lecture import dot
+from raytracer.environment import Environment, environment_density, find_environment, sample_environment
 from raytracer.light_shapes import LightSamples
 from raytracer.lights import has_extent, sample_light
 from raytracer.materials import MaterialTable, find_transparency
 from raytracer.rays import Floats, Rays, Surface, join_rays
-from raytracer.sampling import PixelSamples, SharedSamples, sample_cosine_hemisphere
+from raytracer.sampling import PixelSamples, SharedSamples
 from raytracer.scatter import reflect_light
 from raytracer.scene import Light
 from raytracer.shared_lights import is_near, is_shareable, sample_shared, share_points
@@ -144,23 +143,19 @@ def emitter_source(emitters: Emitters) -> LightSource:
     return LightSource(sample, 2)
 
 
-def world_source(color: Floats) -> LightSource:
-    """The constant world: directions around the shading normal with density cos / pi."""
+def world_source(environment: Environment) -> LightSource:
+    """The world: directions around the shading normal, and to where it is bright."""
 
     def sample(points: LitPoints) -> Aim:
         normal = points.shading.normal
-        direction = to_world(sample_cosine_hemisphere(points.samples.uniform_pair(points.dimension)), normal)
-        density = world_density(normal, direction)
-        weight = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)[:, np.newaxis] * color
+        direction = sample_environment(environment, normal, points.samples.uniform_pair(points.dimension))
+        density = environment_density(environment, normal, direction)
+        share = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
+        weight = share[:, np.newaxis] * find_environment(environment, direction)
         light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
         return Aim(light, _fill_keys(points, ALONE))
 
     return LightSource(sample, 1)
-
-
-def world_density(normal: Floats, direction: Floats) -> Floats:
-    """Return the density per solid angle (n,) with which the world is sampled in unit directions (n, 3)."""
-    return np.maximum(dot(normal, direction), 0.0) / np.pi
 
 
 # Shadow rays ---------------------------------------------------------------------------------------------------------

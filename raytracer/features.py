@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from raytracer.nodes import reads_light_path
-from raytracer.scene import AreaLight, Closure, PointLight, Scene, SpotLight, SunLight
+from raytracer.programs import Register
+from raytracer.scene import AreaLight, Closure, PointLight, Scene, SpotLight, SunLight, World
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,10 @@ def _lets_through(closure: Closure) -> bool:
     return _has_weight(closure) and (closure.kind == "transparent" or see_through)
 
 
+def _shines(world: World) -> bool:
+    return isinstance(world.color, Register) or bool(world.color.max() > 0)
+
+
 def derive_features(scene: Scene) -> Features:
     """Return the Features of `scene`."""
     closures = [closure for material in scene.materials for closure in material.closures]
@@ -94,7 +99,7 @@ def derive_features(scene: Scene) -> Features:
         sun_lights=SunLight in kinds,
         area_lights=AreaLight in kinds,
         emission=any(_emits(closure) for closure in closures),
-        world=scene.world is not None and bool(scene.world.color.max() > 0),
+        world=scene.world is not None and _shines(scene.world),
         mirrors=any(_scatters_on(closure) for closure in closures),
         rough=any(_is_rough(closure) for closure in closures),
         transparency=any(_lets_through(closure) for closure in closures),

@@ -29,10 +29,10 @@ from raytracer.direct_light import (
     lamp_source,
     opaque_visibility,
     transparent_visibility,
-    world_density,
     world_source,
 )
 from raytracer.emitters import Emitters, emitter_density, make_emitters
+from raytracer.environment import Environment, environment_density, find_environment, make_environment
 from raytracer.features import derive_features
 from raytracer.lecture import length
 from raytracer.lights import evaluate_light, has_extent
@@ -57,6 +57,8 @@ CHOICE, WAY, FIRST_SOURCE = range(3)
 PART_SIZE = 1 << 15
 # Most shadow rays that are kept to be cast together; bounds the memory that many lamps take.
 SHADOW_BATCH = 1 << 20
+# How far rays go that hit nothing, as programs of worlds see it: Cycles' largest number.
+FARTHEST = float(np.finfo(np.float32).max)
 # What programs of materials that ask for the picture's size get where there is none.
 DEFAULT_FRAME = (1000, 1000)
 
@@ -68,7 +70,7 @@ class Integrator:
     sources : one for each source of light that surfaces are lit by
     visible_lamps : lamps that a reflected ray can meet
     emitters : None where nothing shines
-    background : (3,) float64, radiance of the world, or None where it is black
+    background : the world, or None where it is black
     visibility : how shadow rays fare
     holdout : (instances + groups,) bool, or None where nothing punches holes
     pass_index : (instances + groups,) int32
@@ -84,7 +86,7 @@ class Integrator:
     sources: tuple[LightSource, ...]
     visible_lamps: tuple[Light, ...]
     emitters: Emitters | None
-    background: Floats | None
+    background: Environment | None
     visibility: Visibility
     holdout: Booleans | None
     pass_index: NDArray[np.int32]
@@ -109,7 +111,9 @@ def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, 
     emitters = None
     if features.emission and needs_light:
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials))
-    background = scene.world.color if features.world and needs_light and scene.world is not None else None
+    background = None
+    if features.world and needs_light and scene.world is not None:
+        background = make_environment(scene.world, scene.camera, frame)
     lamps = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     sources = [lamp_source(light, weigh=features.rough) for light in lamps]
     if emitters is not None and not emitters.is_empty:
@@ -187,10 +191,13 @@ class Shaded:
 
 def describe_path(integrator: Integrator, paths: Paths, hits: Hits) -> LightPath | None:
     """Return what programs of materials can ask of the rays; None where there are no programs."""
-    if integrator.materials.computed is None:
-        return None
+    return None if integrator.materials.computed is None else describe_rays(paths, hits.distance)
+
+
+def describe_rays(paths: Paths, distance: Floats | float) -> LightPath:
+    """Return what programs can ask of rays that go for a distance (n,), in units of their directions' lengths."""
     unit = length(paths.rays.directions)
-    stretch = hits.distance * unit
+    stretch = distance * unit
     return LightPath(
         {
             "camera": paths.direct.astype(np.float64),
@@ -268,9 +275,12 @@ def add_background(integrator: Integrator, record: Record, paths: Paths, hits: H
         record.background[missed.row[missed.direct]] += missed.throughput[missed.direct].mean(axis=1)
         missed = missed.select(~missed.direct)
     if integrator.background is not None and len(missed):
-        sampled = world_density(missed.scatter_normal, missed.rays.directions)
+        directions = missed.rays.directions
+        sampled = environment_density(integrator.background, missed.scatter_normal, directions)
         share = power_heuristic(missed.density, sampled)[:, np.newaxis]
-        record.add("Combined", missed.row, missed.throughput * share * integrator.background)
+        path = describe_rays(missed, FARTHEST) if integrator.background.program is not None else None
+        radiance = find_environment(integrator.background, directions, path)
+        record.add("Combined", missed.row, missed.throughput * share * radiance)
 
 
 def add_lamps(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:

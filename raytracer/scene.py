@@ -26,6 +26,7 @@ from raytracer.material_records import (
     Closure,
     Material,
 )
+from raytracer.programs import Program, Register, check_register
 from raytracer.records import set_array, set_color, set_field, set_number
 
 __all__ = [
@@ -176,12 +177,20 @@ class Instances:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Constant radiance from every direction that hits nothing (linear RGB)."""
+    """Radiance from every direction that hits nothing.
+
+    color : linear RGB, or a Register of `program`
+    program : Program, evaluated over directions, or None where the color is constant
+    """
 
     color: Any = 0.0
+    program: Program | None = None
 
     def __post_init__(self) -> None:
-        set_color(self, "color", "World")
+        if isinstance(self.color, Register):
+            check_register(self.color, self.program, "World: color")
+        else:
+            set_color(self, "color", "World")
 
 
 @dataclass(frozen=True, eq=False)

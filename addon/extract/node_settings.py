@@ -79,6 +79,15 @@ def read_image_settings(builder: ProgramBuilder, node: Any, groups: Groups, outp
     }
 
 
+def read_environment_settings(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+    """Environment Texture: the image, and how it is wrapped round the world."""
+    return {
+        "image": builder.images.find_image(node.image, node.name, builder.place),
+        "interpolation": node.interpolation,
+        "projection": node.projection,
+    }
+
+
 def read_ramp(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
     """Color Ramp: what Blender itself evaluates, at even steps."""
     ramp = node.color_ramp
@@ -142,6 +151,7 @@ READERS: dict[str, Reader] = {
     "VERTEX_COLOR Alpha": read_attribute_name,
     "TEX_COORD Object": read_object,
     "TEX_IMAGE": read_image_settings,
+    "TEX_ENVIRONMENT": read_environment_settings,
     "VALTORGB": read_ramp,
     **{f"CURVE_{kind}": read_curves for kind in ("RGB", "VEC", "FLOAT")},
     "NORMAL_MAP": read_normal_map,

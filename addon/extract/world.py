@@ -1,22 +1,28 @@
-"""The world: one constant radiance (Background nodes with constants). Imports raytracer and this package."""
+"""The world: what its shaders send from every direction, as one color or a program. Imports raytracer and this package.
+
+Shaders that shine add up to one value. Rays that the world is hidden from (Ray Visibility) see black, which is part of
+the program. What Cycles' samples of light cannot tell apart, ours cannot either: to them all flags of rays are 0.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 import raytracer
+from raytracer.programs import Program, Register, Value
 
 from .. import versions
-from .materials import read_constant_emission
+from .images import ImageTable
+from .materials import read_shader
 from .nodes import Place, read_color
+from .programs import ProgramBuilder
 from .warnings import WarningList
 
 
-def extract_world(world: Any, warnings: WarningList) -> raytracer.World | None:
-    """Return the world, or None for black: no world, no output, nothing linked.
-
-    Textures and skies that feed a Background are replaced by the socket's own color, with a warning.
-    """
+def extract_world(world: Any, warnings: WarningList, images: ImageTable | None = None) -> raytracer.World | None:
+    """Return the world, or None for black: no world, no output, nothing linked."""
     if world is None:
         return None
     node_tree = versions.find_node_tree(world)
@@ -28,5 +34,39 @@ def extract_world(world: Any, warnings: WarningList) -> raytracer.World | None:
         return None
     if output.inputs["Volume"].is_linked:
         place.warn("volume is not supported, left out")
-    color = read_constant_emission(output.inputs["Surface"], place)
-    return None if color is None else raytracer.World(color)
+    builder = ProgramBuilder(place, images or ImageTable())
+    closures = read_shader(output.inputs["Surface"], (), 1.0, builder)
+    shining = [builder.scale(closure.color, closure.weight) for closure in closures if closure.kind == "emission"]
+    if not shining:
+        return None
+    color = hide_from_rays(builder, sum_colors(builder, shining), world)
+    if isinstance(color, Register):
+        return raytracer.World(color, Program(builder.steps))
+    return raytracer.World(read_color(color))
+
+
+def sum_colors(builder: ProgramBuilder, colors: list[Value]) -> Value:
+    """Return the sum of colors."""
+    total = colors[0]
+    for color in colors[1:]:
+        inputs = (total, color, np.zeros(3), 1.0)
+        total = builder.add("VECT_MATH Vector", inputs, {"operation": "ADD"})["Vector"]
+    return total
+
+
+# The flags of a world's Ray Visibility, and the rays that they are for.
+VISIBILITY = {
+    "camera": "LIGHT_PATH Is Camera Ray",
+    "diffuse": "LIGHT_PATH Is Diffuse Ray",
+    "glossy": "LIGHT_PATH Is Glossy Ray",
+    "transmission": "LIGHT_PATH Is Transmission Ray",
+}
+
+
+def hide_from_rays(builder: ProgramBuilder, color: Value, world: Any) -> Value:
+    """Return the color, black to the kinds of rays that the world is hidden from."""
+    for flag, operation in VISIBILITY.items():
+        if not getattr(world.cycles_visibility, flag):
+            hidden = next(iter(builder.add(operation, ()).values()))
+            color = builder.scale(color, builder.complement(hidden))
+    return color

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.nodes import arithmetic, color, images, inputs, mapping, normals, patterns, ramps
+from raytracer.nodes import arithmetic, color, environments, images, inputs, mapping, normals, patterns, ramps
 from raytracer.nodes.operation import Array, Operation
 from raytracer.programs import Program, Register, Step, Value
 from raytracer.sites import Site
@@ -31,6 +31,7 @@ from raytracer.sites import Site
 OPERATIONS: dict[str, Operation] = {
     **arithmetic.OPERATIONS,
     **color.OPERATIONS,
+    **environments.OPERATIONS,
     **images.OPERATIONS,
     **inputs.OPERATIONS,
     **mapping.OPERATIONS,

@@ -13,6 +13,9 @@ from addon import versions
 from addon.extract import Extraction, extract_scene
 from addon.extract.nodes import LUMINANCE
 from raytracer import Closure, Material
+from raytracer.environment import find_environment, make_environment
+from raytracer.programs import Register
+from raytracer.sites import LightPath
 
 pytestmark = pytest.mark.blender
 
@@ -368,14 +371,23 @@ def test_world_without_shader_is_black(world_tree: Any) -> None:
     assert extract().scene.world is None
 
 
-def test_world_texture_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
-    background = add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
+def test_world_that_varies_has_a_program(world_tree: Any) -> None:
+    background = add(world_tree, "ShaderNodeBackground", Strength=2)
     coordinate = world_tree.nodes.new("ShaderNodeTexCoord")
     world_tree.links.new(coordinate.outputs["Generated"], background.inputs["Color"])
-    assert_array_equal(extract().scene.world.color, (0.25, 0.5, 1))
-    (text,) = texts()
-    assert text.startswith("world 'World': node 'Background'")
-    assert "Color (0.25, 0.5, 1) instead of node 'Texture Coordinate'" in text
+    world = extract().scene.world
+    assert [step.operation for step in world.program.steps] == ["ATTRIBUTE Vector", "VECT_MATH Vector"]
+    assert world.color == Register(1, "Vector")
+    assert not texts()
+
+
+def test_world_hidden_from_the_camera_is_black_to_it(world_tree: Any) -> None:
+    add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
+    bpy.context.scene.world.cycles_visibility.camera = False
+    environment = make_environment(extract().scene.world, None, (4, 3))
+    up = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    found = find_environment(environment, up, LightPath({"camera": np.array([1.0, 0.0])}))
+    assert_array_equal(found, [(0, 0, 0), (0.25, 0.5, 1)])
 
 
 def test_sky_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:

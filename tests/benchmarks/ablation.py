@@ -62,7 +62,7 @@ FEATURES = {
         {},
         ("area_lights.py", "sample_area"),
     ),
-    "world": (lambda: make_scene(world=raytracer.World(0.3)), {}, ("direct_light.py", "world_density")),
+    "world": (lambda: make_scene(world=raytracer.World(0.3)), {}, ("environment.py", "environment_density")),
     "mirror": (lambda: make_scene(raytracer.Closure("glossy")), {}, ("scatter.py", "sample_continuation")),
     "rough reflection": (
         lambda: make_scene(raytracer.Closure("glossy", roughness=0.3)),

@@ -56,7 +56,7 @@ def test_prepare_composes_no_stage_that_the_scene_lacks(monkeypatch):
     forbid(
         monkeypatch,
         *("make_emitters", "emitter_source", "world_source", "transparent_visibility", "sample_continuation"),
-        *("emitter_density", "world_density", "evaluate_light"),
+        *("emitter_density", "environment_density", "make_environment", "evaluate_light"),
     )
     values = see(raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LAMP]))
     assert values["Combined"][0, 0] > 0
