@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.material_records import CLOSURE_VECTORS
 from raytracer.nodes import evaluate, find_needed, list_attributes
 from raytracer.programs import Program, Register, Value
 from raytracer.rays import Floats, Surface
@@ -31,7 +32,7 @@ Columns = dict[Slot, Floats]
 class Recipe:
     """How some parameters of one material are computed.
 
-    values : the register, or the constant normal, of a field of a closure, by (slot, field)
+    values : the register, or the constant direction, of a field of a closure, by (slot, field)
     needed : the program's steps for them
     """
 
@@ -77,7 +78,7 @@ def _make_recipes(
     for material, closures in enumerate(kept):
         values: dict[Slot, Value] = {}
         for slot, closure in enumerate(closures):
-            computed = {**closure.registers, **({} if closure.normal is None else {"normal": closure.normal})}
+            computed = {**closure.registers, **closure.vectors}
             wanted = computed if fields is None else fields.get(closure.kind, ())
             values |= {(slot, name): value for name, value in computed.items() if name in wanted}
         if values:
@@ -98,7 +99,7 @@ def compute_columns(computed: ComputedMaterials, recipes: Recipes, surface: Surf
         points = np.flatnonzero(surface.material == material)
         outputs = evaluate(recipe.program, _make_site(computed, surface, path, points), recipe.needed)
         for slot, value in recipe.values.items():
-            width = (3,) if slot[1] in (*CLOSURE_COLORS, "normal") else ()
+            width = (3,) if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else ()
             column = columns.setdefault(slot, np.full((len(surface), *width), np.nan))
             column[points] = limit(slot[1], outputs[value] if isinstance(value, Register) else value)
     return columns
@@ -113,7 +114,7 @@ def _make_site(computed: ComputedMaterials, surface: Surface, path: LightPath | 
 def limit(name: str, values: object) -> Floats:
     """Return a field's values cut to its range, as Cycles cuts them; what is not finite becomes 0."""
     found = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0, posinf=0.0, neginf=0.0)
-    if name == "normal":
+    if name in CLOSURE_VECTORS:
         return found
     low, high = CLOSURE_RANGES.get(name, (0.0, np.inf))
     return np.clip(found, low, high)

@@ -15,14 +15,25 @@ from raytracer.checks import require_choice
 from raytracer.programs import Program, Register, check_register, make_value
 from raytracer.records import set_color, set_field, set_number
 
-# The colours of a closure, and the range of each of its numbers.
-CLOSURE_COLORS = ("color", "specular_tint", "emission")
+# The colours of a closure, its directions, and the range of each of its numbers.
+CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction")
+CLOSURE_VECTORS = ("normal", "coat_normal", "tangent")
 CLOSURE_RANGES = {
     "weight": (0.0, np.inf),
     "ior": (float(np.nextafter(0.0, 1.0)), np.inf),
     **dict.fromkeys(("roughness", "metallic", "transmission", "specular", "alpha"), (0.0, 1.0)),
+    **dict.fromkeys(("diffuse_roughness", "coat_roughness", "sheen_roughness"), (0.0, 1.0)),
+    **dict.fromkeys(("coat_weight", "sheen_weight"), (0.0, np.inf)),
+    "coat_ior": (1.0, np.inf),
+    "anisotropy": (-0.99, 0.99),
+    "rotation": (-np.inf, np.inf),
+    **dict.fromkeys(("size", "smooth", "multiscatter"), (0.0, 1.0)),
 }
-CLOSURE_KINDS = ("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission")
+CLOSURE_KINDS = (
+    *("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission"),
+    *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon"),
+)
+DISTRIBUTIONS = ("ggx", "beckmann")
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +42,16 @@ class Closure:
 
     kind : one of CLOSURE_KINDS
     weight : factor in the material's sum (Mix and Add Shader fold into it)
-    color : linear RGB; base colour of a principled closure, radiance scale of an emission
-    roughness : Blender's roughness; GGX alpha is its square; 0 is a perfect mirror
-    normal : world space, any length, on the side that the ray comes from; None = the surface's
+    color : linear RGB; base colour of a principled closure, radiance scale of an emission, reflectance of a metal at
+        normal incidence, index of refraction of a conductor
+    roughness : Blender's roughness; alpha of facets is its square; 0 is a perfect mirror
+    extinction : imaginary part of a conductor's index of refraction
+    size, smooth : of toon, as shares of a right angle
+    distribution : of facets, one of DISTRIBUTIONS
+    multiscatter : share of the light lost between facets that is given back
+    anisotropy, rotation : how far highlights are stretched along the tangent; which turns, in rounds
+    normal, coat_normal : world space, any length, on the side that the ray comes from; None = the surface's
+    tangent : world space, any length; None stretches nothing
     The remaining fields are those of Blender's Principled BSDF node.
     """
 
@@ -48,11 +66,29 @@ class Closure:
     specular_tint: Any = 1.0
     emission: Any = 0.0
     alpha: Any = 1.0
+    diffuse_roughness: Any = 0.0
+    coat_weight: Any = 0.0
+    coat_roughness: Any = 0.03
+    coat_ior: Any = 1.5
+    coat_tint: Any = 1.0
+    sheen_weight: Any = 0.0
+    sheen_roughness: Any = 0.5
+    sheen_tint: Any = 1.0
+    anisotropy: Any = 0.0
+    rotation: Any = 0.0
+    multiscatter: Any = 1.0
+    extinction: Any = 0.0
+    size: Any = 0.5
+    smooth: Any = 0.0
+    distribution: str = "ggx"
     normal: Any = None
+    coat_normal: Any = None
+    tangent: Any = None
 
     def __post_init__(self) -> None:
         label = f"Closure {self.kind!r}"
         require_choice(self.kind, CLOSURE_KINDS, "Closure: kind")
+        require_choice(self.distribution, DISTRIBUTIONS, f"{label}: distribution")
         computed = self.registers
         for name in CLOSURE_COLORS:
             if name not in computed:
@@ -60,13 +96,18 @@ class Closure:
         for name, (low, high) in CLOSURE_RANGES.items():
             if name not in computed:
                 set_number(self, name, low, high, label)
-        if self.normal is not None:
-            set_field(self, "normal", make_value(self.normal, f"{label}: normal"))
+        for name in self.vectors:
+            set_field(self, name, make_value(getattr(self, name), f"{label}: {name}"))
 
     @property
     def registers(self) -> dict[str, Register]:
         """The parameters that the material's program computes, by name."""
         return {name: value for name, value in vars(self).items() if isinstance(value, Register)}
+
+    @property
+    def vectors(self) -> dict[str, Any]:
+        """The directions that it has of its own, by name."""
+        return {name: getattr(self, name) for name in CLOSURE_VECTORS if getattr(self, name) is not None}
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.closures import SCATTERING, Closures, Points, Shading, TiltedDiffuse, pack_closures
+from raytracer.closures import Closures, Points, Shading, TiltedDiffuse, pack_closures
 from raytracer.computed import Columns, ComputedMaterials, Recipes, compute_columns, make_computed_materials
 from raytracer.frames import normalize
+from raytracer.material_records import CLOSURE_VECTORS
 from raytracer.microfacet import Microfacets
 from raytracer.rays import Booleans, Floats, Integers, Surface
+from raytracer.scattering import SCATTERING
 from raytracer.scene import CLOSURE_KINDS, Closure, Scene
 from raytracer.site_tables import SiteTables
 from raytracer.sites import LightPath, describe_shadow_rays
@@ -101,10 +103,9 @@ def _select_parameters(table: MaterialTable, slot: int, material: Integers, rows
     closures = table.parameters[slot].select(material[rows])
     changed = {}
     for (other, name), column in columns.items():
-        if other == slot and name != "normal":
-            constant, values = getattr(closures, name), column[rows]
-            changed[name] = np.where(np.isnan(constant), values, constant)
-    return dataclasses.replace(closures, **changed) if changed else closures
+        if other == slot and name not in CLOSURE_VECTORS:
+            changed[name] = column[rows]
+    return dataclasses.replace(closures, computed=changed) if changed else closures
 
 
 def _sum_parts(
@@ -169,16 +170,27 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
         for kind, add_closures in SCATTERING.items():
             rows = np.flatnonzero(kind_of_hit == CLOSURE_KINDS.index(kind))
             if len(rows):
-                own = _own_normals(columns.get((slot, "normal")), rows, shading)
-                points = Points(rows, surface.front[rows], shading, own, tilted)
+                vectors = _own_vectors(columns, slot, rows, shading)
+                points = Points(rows, surface.front[rows], shading, vectors, tilted)
                 lobes.extend(add_closures(_select_parameters(table, slot, surface.material, rows, columns), points))
-    return dataclasses.replace(shading, lobes=tuple(lobe for lobe in lobes if len(lobe)), tilted=tuple(tilted))
+    return dataclasses.replace(
+        shading,
+        lobes=tuple(lobe for lobe in lobes if len(lobe)),
+        tilted=tuple(part for part in tilted if len(part.hit)),
+    )
 
 
-def _own_normals(column: Floats | None, rows: Any, shading: Shading) -> Floats | None:
-    """Return the normals (k, 3) of closures at `rows`: unit, the surface's where they have none; None where all are."""
-    if column is None:
-        return None
-    own = column[rows]
-    usable = (own != 0).any(axis=1) & ~np.isnan(own).any(axis=1)
-    return np.where(usable[:, np.newaxis], normalize(np.nan_to_num(own)), shading.normal[rows])
+def _own_vectors(columns: Columns, slot: int, rows: Any, shading: Shading) -> dict[str, Floats]:
+    """Return the directions (k, 3) that closures at `rows` have of their own, by name: unit; normals are the surface's,
+    and tangents 0, where they have none."""
+    vectors = {}
+    for name in CLOSURE_VECTORS:
+        column = columns.get((slot, name))
+        if column is None:
+            continue
+        own = normalize(np.nan_to_num(column[rows]))
+        if name == "tangent":
+            vectors[name] = own
+        else:
+            vectors[name] = np.where(own.any(axis=1)[:, np.newaxis], own, shading.normal[rows])
+    return vectors

@@ -80,7 +80,7 @@ class Microfacets:
     def select(self, rows: Any) -> Microfacets:
         """Return some of the lobes: index or boolean array."""
         stretch = None if self.stretch is None else self.stretch.select(rows)
-        return Microfacets(*(getattr(self, name)[rows] for name in ROW_FIELDS), self.beckmann, stretch)
+        return dataclasses.replace(self, stretch=stretch, **{name: getattr(self, name)[rows] for name in ROW_FIELDS})
 
     @property
     def is_perfect(self) -> Booleans:
@@ -120,10 +120,20 @@ def dielectric_reflectance(cosine: Floats, eta: Floats) -> Floats:
     return np.where(total, 1.0, (across * across + along * along) / 2.0)
 
 
-def metal_coefficient(f0: Floats, tint: Floats) -> Floats:
-    """Return the factor of c (1 - c)^6 that brings Schlick's curve to `tint` times itself at c = 1/7 (82 degrees)."""
+def metal_slope(f0: Floats, bent: Floats) -> Floats:
+    """Return the factor of c (1 - c)^6 that brings Schlick's curve to `bent` at c = 1/7 (82 degrees)."""
     step = 6.0 / 7.0
-    return (f0 + (1.0 - f0) * step**5) * (1.0 - tint) * 7.0 / step**6
+    return (f0 + (1.0 - f0) * step**5 - bent) * 7.0 / step**6
+
+
+def metal_coefficient(f0: Floats, tint: Floats) -> Floats:
+    """Return the factor of c (1 - c)^6 that brings Schlick's curve to `tint` times itself at c = 1/7."""
+    return metal_slope(f0, 0.0 * f0) * (1.0 - tint)
+
+
+def metal_mean(f0: Floats, f82: Floats) -> Floats:
+    """Return the mean reflectance 2 integral_0^1 F(c) c dc of a metal."""
+    return f0 + (1.0 - f0) / 21.0 - f82 / 126.0
 
 
 def metal_reflectance(cosine: Floats, f0: Floats, f82: Floats) -> Floats:

@@ -179,7 +179,7 @@ def _read_row(table: Floats, x: Floats) -> Floats:
     return table[low] * (1.0 - part) + table[low + 1] * part
 
 
-def _read_plane(table: Floats, x: Floats, y: Floats) -> Floats:
+def read_plane(table: Floats, x: Floats, y: Floats) -> Floats:
     low, part = _split(x, len(table))
     column, share = _split(y, table.shape[1])
     first = table[low, column] * (1.0 - share) + table[low, column + 1] * share
@@ -190,7 +190,7 @@ def _read_plane(table: Floats, x: Floats, y: Floats) -> Floats:
 def read_reflection(roughness: Floats, cosine: Floats) -> tuple[Floats, Floats]:
     """Return E and its mean, each (m,), of reflecting lobes."""
     table, mean = reflection_tables()
-    return _read_plane(table, roughness, cosine), _read_row(mean, roughness)
+    return read_plane(table, roughness, cosine), _read_row(mean, roughness)
 
 
 def _index_coordinate(eta: Floats) -> Floats:
@@ -205,7 +205,7 @@ def read_glass(roughness: Floats, cosine: Floats, eta: Floats) -> tuple[Floats, 
         rows = np.flatnonzero((low == node) & ((eta < 1.0) == inverse))
         (e0, m0), (e1, m1) = glass_tables(node, inverse), glass_tables(node + 1, inverse)
         x, y, z = roughness[rows], cosine[rows], part[rows]
-        share[rows] = _read_plane(e0, x, y) * (1.0 - z) + _read_plane(e1, x, y) * z
+        share[rows] = read_plane(e0, x, y) * (1.0 - z) + read_plane(e1, x, y) * z
         mean[rows] = _read_row(m0, x) * (1.0 - z) + _read_row(m1, x) * z
     return share, mean
 
@@ -217,9 +217,7 @@ def read_schlick_share(roughness: Floats, cosine: Floats, eta: Floats) -> Floats
     for node in set(low.tolist()):
         rows = np.flatnonzero(low == node)
         x, y, z = roughness[rows], cosine[rows], part[rows]
-        share[rows] = (
-            _read_plane(schlick_table(node), x, y) * (1.0 - z) + _read_plane(schlick_table(node + 1), x, y) * z
-        )
+        share[rows] = read_plane(schlick_table(node), x, y) * (1.0 - z) + read_plane(schlick_table(node + 1), x, y) * z
     return share
 
 

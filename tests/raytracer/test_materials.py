@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import raytracer.microfacet_albedo as albedo
-from raytracer.closures import SMALLEST_PICK
 from raytracer.frames import reflect
 from raytracer.lecture import dot
 from raytracer.light_shapes import LightSamples
+from raytracer.lobes import SMALLEST_PICK
 from raytracer.materials import make_material_table, make_shading
 from raytracer.microfacet import (
     SMALLEST_ALPHA,
