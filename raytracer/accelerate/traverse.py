@@ -11,12 +11,10 @@ is sure of cull at once; the exact test of candidates waits until there are many
 Nanoseconds per pair of ray and node on one core: gathering 17 rows 20, slabs 12, ordering 5, the rest 25; per pair of
 ray and leaf 150. Tried in vain: rays sorted by place or direction (4% quicker, which is what sorting costs), eight
 children per node, steps of other sizes from 4096 to 32768, no ordering (20% more nodes where much lies behind).
-Imports `hierarchy`, `leaves`, `culling`, `placed` and `search`.
+Imports `hierarchy`, `leaves`, `culling`, `pairs`, `placed` and `search`.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +23,7 @@ from raytracer.accelerate.bvh import NODE_ROWS, REFERENCE_ROW, WIDTH
 from raytracer.accelerate.culling import ROW_COLUMNS, SLACK, prepare_rays, to_row_distance, to_row_start
 from raytracer.accelerate.hierarchy import Hierarchy
 from raytracer.accelerate.leaves import test_leaves
+from raytracer.accelerate.pairs import Buffer, Pairs, Stack
 from raytracer.accelerate.placed import place_rays
 from raytracer.accelerate.search import Search
 
@@ -39,61 +38,6 @@ SLOT_BITS = np.int32(WIDTH - 1)
 BEGIN = ROW_COLUMNS
 # The columns of a row that `leaves.may_hit` reads: origin - pad, direction, tolerance.
 LINE_COLUMNS = (3, 4, 5, 9, 10, 11, 12, 13)
-
-
-class Pairs(NamedTuple):
-    """Rows with nodes or leaves they enter, or rays with candidates, and the distance from which on."""
-
-    row: NDArray[np.int32]
-    target: NDArray
-    entry: NDArray[np.float32]
-
-    def select(self, index: NDArray[np.intp]) -> Pairs:
-        return Pairs(self.row.take(index), self.target.take(index), self.entry.take(index))
-
-    def part(self, where: slice) -> Pairs:
-        return Pairs(self.row[where], self.target[where], self.entry[where])
-
-
-class _Stack:
-    """Growing columns of pairs; `pop` returns the top chunk as views."""
-
-    def __init__(self, capacity: int) -> None:
-        self.size = 0
-        self.columns = Pairs(np.empty(capacity, np.int32), np.empty(capacity, np.int32), np.empty(capacity, np.float32))
-
-    def push(self, pairs: Pairs) -> None:
-        end = self.size + len(pairs.row)
-        if end > len(self.columns[0]):
-            grown = max(end, 2 * len(self.columns[0]))
-            self.columns = Pairs(*(np.resize(column, grown) for column in self.columns))
-        for column, value in zip(self.columns, pairs, strict=True):
-            column[self.size : end] = value
-        self.size = end
-
-    def pop(self, count: int, floor: int) -> Pairs:
-        start = max(floor, self.size - count)
-        chunk = self.columns.part(slice(start, self.size))
-        self.size = start
-        return chunk
-
-
-class _Buffer:
-    """Pairs of rows and leaves that wait to be tested together."""
-
-    def __init__(self) -> None:
-        self.parts: list[Pairs] = []
-        self.count = 0
-
-    def append(self, pairs: Pairs) -> None:
-        self.parts.append(pairs)
-        self.count += len(pairs.row)
-
-    def take_all(self) -> Pairs:
-        row, target, entry = zip(*self.parts, strict=True)
-        pairs = Pairs(np.concatenate(row), np.concatenate(target), np.concatenate(entry))
-        self.parts, self.count = [], 0
-        return pairs
 
 
 class _Rows:
@@ -158,8 +102,8 @@ class Traversal:
         # Nothing farther matters: once per ray, and as a row to gather.
         self.best = to_row_distance(self.rays, everyone, search.best)
         self.best_rows = np.repeat(self.best, WIDTH).reshape(-1, WIDTH)
-        self.stack = _Stack(4 * max(len(search.rays), CHUNK))
-        self.leaves, self.instances, self.candidates = _Buffer(), _Buffer(), _Buffer()
+        self.stack = Stack(4 * max(len(search.rays), CHUNK))
+        self.leaves, self.instances, self.candidates = Buffer(), Buffer(), Buffer()
         # Where the stack and the rows ended when instances were entered: below that, their rows are done with.
         self.marks: list[tuple[int, int]] = []
         self.narrows = search.narrows and search.certified
