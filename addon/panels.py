@@ -17,6 +17,7 @@ import bpy
 
 from .engine import ENGINE
 from .passes import PASSES
+from .properties import BOUNCE_LIMITS
 from .statistics import Statistics, last_render
 
 # Built-in panels marked BLENDER_RENDER for what the engine does not follow, or replaced by a better one below.
@@ -79,7 +80,11 @@ class RAYTRACER_RENDER_PT_light_paths(_RenderPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Any) -> None:
-        _split(self).prop(context.scene.reference_raytracer, "max_bounces")
+        column, settings = _split(self), context.scene.reference_raytracer
+        column.prop(settings, "integrator")
+        limits = column.column(heading="Max Bounces", align=True)
+        for name in BOUNCE_LIMITS:
+            limits.prop(settings, name)
 
 
 class RAYTRACER_RENDER_PT_film(_RenderPanel, bpy.types.Panel):

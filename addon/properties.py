@@ -13,10 +13,33 @@ PRECISIONS = (
     ("FLOAT64", "Double", "64-bit floating point: watertight, without the proof"),
     ("FLOAT32", "Single", "32-bit floating point: the error other renderers have, for comparison"),
 )
+# The limits of the settings, and what Cycles calls them.
+BOUNCE_LIMITS = {
+    "max_bounces": "max_bounces",
+    "diffuse_bounces": "diffuse_bounces",
+    "glossy_bounces": "glossy_bounces",
+    "transmission_bounces": "transmission_bounces",
+    "transparent_bounces": "transparent_max_bounces",
+}
 PIXEL_FILTERS = (
     ("BLACKMAN_HARRIS", "Blackman-Harris", "Smooth: each sample counts into the pixel it falls near to"),
     ("BOX", "Box", "Sharp: the plain mean over a square; a narrow one gives values at pixel centres"),
 )
+
+
+INTEGRATORS = (
+    ("PATH", "Path", "All light: surfaces light each other, as in Cycles"),
+    (
+        "DIRECT",
+        "Direct",
+        "Light straight from its sources, in mirrors and through glass; no light between diffuse surfaces",
+    ),
+)
+
+
+def _bounce_limit(name: str, counted: str, default: int) -> Any:
+    """A limit of a path; the defaults are Cycles'."""
+    return IntProperty(name=name, description=f"Most {counted}", default=default, min=0, soft_max=64, max=1024)
 
 
 class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
@@ -29,13 +52,20 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
         min=1,
         soft_max=4096,
     )
-    max_bounces: IntProperty(  # type: ignore[valid-type]
-        name="Max Bounces",
-        description="How often a path is reflected or refracted; 0 shows direct light only",
-        default=8,
-        min=0,
-        soft_max=64,
-        max=1024,
+    integrator: EnumProperty(  # type: ignore[valid-type]
+        name="Integrator",
+        description="Which light is followed",
+        items=INTEGRATORS,
+        default="PATH",
+    )
+    max_bounces: _bounce_limit("Total", "bounces of any kind; 0 shows direct light only", 12)  # type: ignore[valid-type]
+    diffuse_bounces: _bounce_limit("Diffuse", "diffuse reflections", 4)  # type: ignore[valid-type]
+    glossy_bounces: _bounce_limit("Glossy", "reflections by mirrors and glossy surfaces", 4)  # type: ignore[valid-type]
+    transmission_bounces: _bounce_limit(  # type: ignore[valid-type]
+        "Transmission", "passages through glass and translucent surfaces", 12
+    )
+    transparent_bounces: _bounce_limit(  # type: ignore[valid-type]
+        "Transparent", "straight passages through transparent surfaces, which count as no bounces", 8
     )
     workers: IntProperty(  # type: ignore[valid-type]
         name="Workers",
@@ -88,7 +118,8 @@ def settings_keywords(scene: Any) -> dict[str, Any]:
     settings = scene.reference_raytracer
     return {
         "samples": settings.samples,
-        "max_bounces": settings.max_bounces,
+        "integrator": settings.integrator.lower(),
+        **{name: getattr(settings, name) for name in BOUNCE_LIMITS},
         "workers": settings.workers or count_processors(),
         "precision": settings.precision.lower(),
         "seed": settings.seed,

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--size", type=parse_size, metavar="WxH", help="pixels; default: the file's, as in the rest")
     parser.add_argument("--samples", type=parse_positive, metavar="N", help="samples per pixel")
-    parser.add_argument("--bounces", type=parse_count, metavar="N", help="most reflections and refractions of a path")
+    parser.add_argument("--bounces", type=parse_count, metavar="N", help="most bounces of a path, of any kind")
     parser.add_argument("--workers", type=parse_count, metavar="N", help="processes; 0: one for each processor")
     parser.add_argument("--passes", type=parse_names, metavar="A,B", help="passes of a multilayer EXR: Depth,Normal")
     parser.add_argument("--precision", choices=PRECISIONS, help="how intersections are computed")
@@ -124,7 +124,7 @@ def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
         render.resolution_percentage = 100
     for name, value in (
         ("samples", arguments.samples),
-        ("max_bounces", arguments.bounces),
+        *((f"{kind}_bounces", arguments.bounces) for kind in ("max", "diffuse", "glossy", "transmission")),
         ("workers", arguments.workers),
         ("precision", arguments.precision and arguments.precision.upper()),
     ):

@@ -14,6 +14,9 @@ from raytracer.nodes import reads_light_path
 from raytracer.programs import Register
 from raytracer.scene import AreaLight, Closure, PointLight, Scene, SpotLight, SunLight, World
 
+DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
+SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
+
 
 @dataclass(frozen=True)
 class Features:
@@ -22,7 +25,8 @@ class Features:
     smooth_normals : a mesh has normals
     emission : a used material emits (visible light sources; sampled as lights)
     world : the world is not black
-    mirrors : a material reflects or transmits, so that rays go on after the first hit
+    diffuse : a material reflects diffusely
+    mirrors : a material reflects or transmits otherwise
     rough : a reflecting or transmitting material has roughness above 0
     transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
     holdout : an object punches a hole into the alpha channel
@@ -40,6 +44,7 @@ class Features:
     area_lights: bool
     emission: bool
     world: bool
+    diffuse: bool
     mirrors: bool
     rough: bool
     transparency: bool
@@ -63,13 +68,27 @@ def _emits(closure: Closure) -> bool:
     return kind and _has_weight(closure) and _may(closure, name, lambda color: color.max() > 0)
 
 
+def _is_diffuse(closure: Closure) -> bool:
+    metal = not _may(closure, "metallic", lambda metallic: metallic < 1)
+    glass = not _may(closure, "transmission", lambda transmission: transmission < 1)
+    base = closure.kind == "principled" and not metal and not glass
+    if closure.kind == "principled" and _may(closure, "sheen_weight", lambda weight: weight > 0):
+        return _has_weight(closure)
+    return (
+        (closure.kind in DIFFUSE_KINDS or base)
+        and _has_weight(closure)
+        and _may(closure, "color", lambda color: color.max() > 0)
+    )
+
+
 def _scatters_on(closure: Closure) -> bool:
     """True where a ray goes on after this closure: every kind with a specular part."""
-    return closure.kind in ("glossy", "glass", "refraction", "principled") and _has_weight(closure)
+    return closure.kind in SPECULAR_KINDS and _has_weight(closure)
 
 
 def _is_rough(closure: Closure) -> bool:
-    return _scatters_on(closure) and _may(closure, "roughness", lambda roughness: roughness > 0)
+    coated = closure.kind == "principled" and _may(closure, "coat_weight", lambda weight: weight > 0)
+    return _scatters_on(closure) and (coated or _may(closure, "roughness", lambda roughness: roughness > 0))
 
 
 def _lets_through(closure: Closure) -> bool:
@@ -100,10 +119,11 @@ def derive_features(scene: Scene) -> Features:
         area_lights=AreaLight in kinds,
         emission=any(_emits(closure) for closure in closures),
         world=scene.world is not None and _shines(scene.world),
+        diffuse=any(_is_diffuse(closure) for closure in closures),
         mirrors=any(_scatters_on(closure) for closure in closures),
         rough=any(_is_rough(closure) for closure in closures),
         transparency=any(_lets_through(closure) for closure in closures),
         holdout=any(holdouts),
-        programs=any(closure.registers or closure.normal is not None for closure in closures),
+        programs=any(closure.registers or closure.vectors for closure in closures),
         light_path=any(reads_light_path(material.program) for material in scene.materials),
     )

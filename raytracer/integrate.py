@@ -1,8 +1,8 @@
 """What rays see: the lecture's "Ray Tracing Fundamentals", recursive ray tracing written as a loop.
 
-Find the closest hit, add what shines there, aim at every source of light, go on through mirrors and glass, cast the
-shadow rays. No diffuse reflection is followed. `prepare` composes once, from the scene's content, which stages run;
-`trace` runs them on a batch of rays, wave by wave. Passes mean what they mean in Cycles
+Find the closest hit, add what shines there, aim at every source of light, go on through mirrors and glass, and, where
+paths are traced, by diffuse reflection; cast the shadow rays. `prepare` composes once, from the scene's content, which
+stages run; `trace` runs them on a batch of rays, wave by wave. Passes mean what they mean in Cycles
 (intern/cycles/kernel/film/data_passes.h). Imports everything below it but the camera.
 """
 
@@ -16,6 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accelerate import Caster
+from raytracer.bounces import (
+    CERTAIN_BOUNCES,
+    DIFFUSE,
+    STRAIGHT,
+    count_bounces,
+    describe_kinds,
+    find_ended,
+    survival_probability,
+)
 from raytracer.closures import Shading
 from raytracer.computed import list_scene_attributes
 from raytracer.direct_light import (
@@ -51,7 +60,8 @@ from raytracer.surface import SurfaceTables, make_surface, make_surface_tables
 LIGHT_PASSES = frozenset(("Combined", "Diffuse Color", "Emission", "Shadow"))
 # Cycles' default: Normal, UV, Depth and so on belong to the first surface at least this opaque.
 OPAQUE_ENOUGH = 0.5
-# Numbered dimensions of a wave: which way to go on, and where within it; the sources of light follow.
+# Numbered dimensions of a wave: which way to go on, and where within it; the sources of light follow, and last the
+# chance to be cut short.
 CHOICE, WAY, FIRST_SOURCE = range(3)
 # Paths shaded together; casts take whole waves.
 PART_SIZE = 1 << 15
@@ -76,6 +86,8 @@ class Integrator:
     pass_index : (instances + groups,) int32
     needs_light : False where all passes are known at the first surface
     goes_on : True where rays can go on from a surface
+    interreflects : True where diffuse reflection is followed
+    shines : True where a ray that goes on can meet something that shines
     dimensions : numbered dimensions of a wave
     """
 
@@ -92,6 +104,8 @@ class Integrator:
     pass_index: NDArray[np.int32]
     needs_light: bool
     goes_on: bool
+    interreflects: bool
+    shines: bool
     dimensions: int
 
 
@@ -105,6 +119,7 @@ def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, 
         features.smooth_normals,
         uvs=features.uvs and "UV" in settings.passes,
         barycentric=features.programs,
+        roundoff=caster.roundoff,
     )
     sites = make_site_tables(scene, tables, list_scene_attributes(scene), frame) if features.programs else None
     materials = make_material_table(scene, sites)
@@ -115,27 +130,31 @@ def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, 
     if features.world and needs_light and scene.world is not None:
         background = make_environment(scene.world, scene.camera, frame)
     lamps = [light for light in scene.lights if light_is_on(light)] if needs_light else []
-    sources = [lamp_source(light, weigh=features.rough) for light in lamps]
+    interreflects = settings.integrator == "path" and features.diffuse and needs_light
+    sources = [lamp_source(light, weigh=features.rough or interreflects) for light in lamps]
     if emitters is not None and not emitters.is_empty:
         sources.append(emitter_source(emitters))
     if background is not None:
         sources.append(world_source(background))
     see_through = features.transparency
+    visible_lamps = tuple(light for light in lamps if has_extent(light) and (features.mirrors or interreflects))
     return Integrator(
         caster=caster,
         settings=settings,
         tables=tables,
         materials=materials,
         sources=tuple(sources),
-        visible_lamps=tuple(light for light in scene.lights if features.mirrors and needs_light and has_extent(light)),
+        visible_lamps=visible_lamps,
         emitters=emitters,
         background=background,
         visibility=transparent_visibility(caster, tables, materials) if see_through else opaque_visibility(caster),
         holdout=_gather_records(scene, "holdout", np.bool_) if features.holdout else None,
         pass_index=_gather_records(scene, "pass_index", np.int32),
         needs_light=needs_light,
-        goes_on=features.mirrors or features.transparency,
-        dimensions=FIRST_SOURCE + sum(source.dimensions for source in sources),
+        goes_on=features.mirrors or features.transparency or interreflects,
+        interreflects=interreflects,
+        shines=bool(visible_lamps) or emitters is not None or background is not None,
+        dimensions=FIRST_SOURCE + sum(source.dimensions for source in sources) + interreflects,
     )
 
 
@@ -200,10 +219,9 @@ def describe_rays(paths: Paths, distance: Floats | float) -> LightPath:
     stretch = distance * unit
     return LightPath(
         {
-            "camera": paths.direct.astype(np.float64),
+            **describe_kinds(paths.kind, paths.bounces),
             "length": stretch - paths.rays.t_min * unit,
             "travelled": paths.travelled + stretch,
-            "depth": (paths.scatterings + paths.passages).astype(np.float64),
             "transparent_depth": paths.passages.astype(np.float64),
         }
     )
@@ -251,8 +269,8 @@ def shade(
         return Shaded([], pass_straight(integrator, record, paths, hits, surface, shading))
     chosen = samples.select(paths.row)
     shared = shared and shared.select(paths.row)
-    ended = paths.scatterings > integrator.settings.max_bounces
-    probabilities = weigh_options(shading, ended)
+    ended = find_ended(paths.bounces, integrator.settings) | find_closed(integrator, paths)
+    probabilities = weigh_options(integrator, paths, shading, ended)
     aimed = aim_at_lights(
         integrator.sources,
         LitPoints(surface, shading, chosen, shared, dimension + FIRST_SOURCE),
@@ -265,6 +283,7 @@ def shade(
     way = sample_continuation(
         shading, probabilities, chosen.uniform(dimension + CHOICE), chosen.uniform_pair(dimension + WAY)
     )
+    way = cut_short(integrator, paths, way, chosen, dimension + integrator.dimensions - 1)
     return Shaded(aimed, advance(paths, hits, surface, shading, way))
 
 
@@ -346,16 +365,48 @@ def add_emission(integrator: Integrator, record: Record, paths: Paths, surface: 
     record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
 
 
-def weigh_options(shading: Shading, ended: Booleans) -> Floats:
+def find_closed(integrator: Integrator, paths: Paths) -> Booleans:
+    """Return (n,) True for paths that have gone straight once more than they may: they see what shines, and end."""
+    return paths.passages > integrator.settings.transparent_bounces
+
+
+def weigh_options(integrator: Integrator, paths: Paths, shading: Shading, ended: Booleans) -> Floats:
     """Return the probabilities of the ways to go on.
 
-    A path that has used up its bounces still sees what shines where it ends: light sampling has counted on that.
+    A path that has used up its bounces still sees what shines where it ends: light sampling has counted on that. Where
+    diffuse reflection is the only bounce, and would be the last, light sampling is left all of it; not so where
+    geometry shines, for close by, in corners, no other way of sampling keeps the noise finite.
     """
-    probabilities = option_probabilities(shading)
+    probabilities = option_probabilities(shading, integrator.interreflects)
     if ended.any():
-        probabilities[ended, 0] = (shading.transparency[ended] > 0).any(axis=1)
+        open_ = ended & ~find_closed(integrator, paths)
+        probabilities[ended, 0] = (open_ & (shading.transparency > 0).any(axis=1))[ended]
         probabilities[ended, 1:] = 0.0
+    if integrator.interreflects and integrator.emitters is None:
+        first = 1 + len(shading.lobes)
+        kind = np.full(len(paths), DIFFUSE, dtype=np.uint8)
+        last = find_ended(count_bounces(paths.bounces, kind), integrator.settings)
+        last &= ~probabilities[:, 1:first].any(axis=1)
+        probabilities[last, 0] = probabilities[last, 0] > 0
+        probabilities[last, first:] = 0.0
     return probabilities
+
+
+def cut_short(
+    integrator: Integrator, paths: Paths, way: Continuation, samples: PixelSamples, dimension: int
+) -> Continuation:
+    """End paths that could see nothing but what shines, where nothing does, and some of those that carry little light
+    (Russian roulette), for which the others count more."""
+    counts = count_bounces(paths.bounces, way.kind)
+    if not integrator.shines:
+        way.weight[find_ended(counts, integrator.settings)] = 0.0
+    if not integrator.interreflects:
+        return way
+    rows = np.flatnonzero(way.alive & (counts.sum(axis=1) > CERTAIN_BOUNCES))
+    probability = survival_probability(paths.throughput[rows] * way.weight[rows])
+    survives = samples.select(rows).uniform(dimension) < probability
+    way.weight[rows] = np.where(survives, 1.0 / probability, 0.0)[:, np.newaxis] * way.weight[rows]
+    return way
 
 
 def add_direct_light(integrator: Integrator, record: Record, aimed: list[ShadowRays], first: bool) -> None:
@@ -379,9 +430,9 @@ def pass_straight(
     """Without light, only rays that have not found their opaque surface go on, and straight."""
     way = Continuation(
         direction=-shading.outgoing,
-        weight=shading.transparency * ~record.settled[paths.row, np.newaxis],
+        weight=shading.transparency * (~record.settled[paths.row] & ~find_closed(integrator, paths))[:, np.newaxis],
         density=np.full(len(paths), np.inf),
-        passes=np.ones(len(paths), dtype=np.bool_),
+        kind=np.full(len(paths), STRAIGHT, dtype=np.uint8),
     )
     return advance(paths, hits, surface, shading, way)
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.bounces import COUNTED, STRAIGHT, Counts, Kinds, count_bounces
 from raytracer.closures import Shading
-from raytracer.direct_light import MAX_PASSAGES
 from raytracer.film import PASSES
 from raytracer.lecture import length
 from raytracer.rays import Booleans, Floats, Hits, Rays, Surface, join_rays
@@ -29,8 +29,9 @@ class Paths:
     row : (k,) int64, the ray of the batch that the path began with
     rays : their directions are unit vectors from the second stretch on
     throughput : (k, 3) float64, what the light from here counts
-    direct : (k,) bool, True where the path has gone straight so far, as the camera sees
-    scatterings, passages : (k,) int64, how often it was reflected or refracted, or went straight through
+    kind : (k,) uint8, of its last bounce; STRAIGHT before the first
+    bounces : (k, 3) int32, how many it has taken of each kind in `bounces.COUNTED`
+    passages : (k,) int32, how often it went straight through a surface
     scatter_origin, scatter_normal : (k, 3) float64, where it was scattered last, which light sampling was done from
     density : (k,) float64, with which it was scattered into this direction; inf where light sampling could not
     travelled : (k,) float64, metres from scatter_origin to the origin of this stretch
@@ -39,9 +40,9 @@ class Paths:
     row: NDArray[np.int64]
     rays: Rays
     throughput: Floats
-    direct: Booleans
-    scatterings: NDArray[np.int64]
-    passages: NDArray[np.int64]
+    kind: Kinds
+    bounces: Counts
+    passages: NDArray[np.int32]
     scatter_origin: Floats
     scatter_normal: Floats
     density: Floats
@@ -50,14 +51,19 @@ class Paths:
     def __len__(self) -> int:
         return len(self.row)
 
+    @property
+    def direct(self) -> Booleans:
+        """(k,) True where the path has gone straight so far, as the camera sees."""
+        return self.kind == STRAIGHT
+
     def select(self, rows: Any) -> Paths:
         """Return some of the paths: index or boolean array."""
         return Paths(
             self.row[rows],
             self.rays.select(rows),
             self.throughput[rows],
-            self.direct[rows],
-            self.scatterings[rows],
+            self.kind[rows],
+            self.bounces[rows],
             self.passages[rows],
             self.scatter_origin[rows],
             self.scatter_normal[rows],
@@ -85,9 +91,9 @@ def start_paths(rays: Rays) -> Paths:
         row=np.arange(count),
         rays=rays,
         throughput=np.ones((count, 3)),
-        direct=np.ones(count, dtype=np.bool_),
-        scatterings=np.zeros(count, dtype=np.int64),
-        passages=np.zeros(count, dtype=np.int64),
+        kind=np.full(count, STRAIGHT, dtype=np.uint8),
+        bounces=np.zeros((count, len(COUNTED)), dtype=np.int32),
+        passages=np.zeros(count, dtype=np.int32),
         scatter_origin=rays.origins,
         scatter_normal=np.zeros((count, 3)),
         density=np.full(count, np.inf),
@@ -133,8 +139,8 @@ def start_record(settings: Settings, rays: Rays) -> Record:
 
 def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: Continuation) -> Paths:
     """Return the paths that go on, at the start of their next stretch."""
-    alive = np.flatnonzero(way.alive & (paths.passages + way.passes <= MAX_PASSAGES))
-    old, direction, passes = paths.select(alive), way.direction[alive], way.passes[alive]
+    alive = np.flatnonzero(way.alive)
+    old, direction, kind, passes = paths.select(alive), way.direction[alive], way.kind[alive], way.passes[alive]
     surface, count = surface.select(alive), len(alive)
     stretch = hits.distance[alive] * length(old.rays.directions)
     scattered = ~passes[:, np.newaxis]
@@ -142,8 +148,8 @@ def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: C
         old,
         rays=Rays(spawn_origin(surface, direction), direction, np.zeros(count), np.full(count, np.inf)),
         throughput=old.throughput * way.weight[alive],
-        direct=old.direct & passes,
-        scatterings=old.scatterings + ~passes,
+        kind=np.where(passes, old.kind, kind),
+        bounces=count_bounces(old.bounces, kind),
         passages=old.passages + passes,
         scatter_origin=np.where(scattered, surface.position, old.scatter_origin),
         scatter_normal=np.where(scattered, shading.normal[alive], old.scatter_normal),

@@ -1,9 +1,9 @@
 """Where light goes on from a surface: the mixture of all ways to continue, sampled and weighed.
 
-The direct-light integrator follows mirrors, glass and straight passages, but no diffuse reflection. So a point's
-options are its passage (transparency) and its microfacet lobes; one is taken at random, in proportion to the light it
-sends on.
-Imports `lecture`, `closures`, `light_shapes`, `microfacet`, `rays`.
+A point's options are its passage (transparency), its microfacet lobes, and, where diffuse reflection is followed, its
+Lambertian parts; one is taken at random, in proportion to the light it sends on. The direct-light integrator leaves out
+the last, and takes the light of diffuse surfaces by aiming at lights alone.
+Imports `lecture`, `bounces`, `closures`, `frames`, `light_shapes`, `microfacet`, `rays`, `sampling`.
 
 References
 ----------
@@ -17,11 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.bounces import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED, Kinds
 from raytracer.closures import Shading, TiltedDiffuse
+from raytracer.frames import to_world
 from raytracer.lecture import dot
 from raytracer.light_shapes import LightSamples
 from raytracer.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
 from raytracer.rays import Booleans, Floats
+from raytracer.sampling import sample_cosine_hemisphere
 
 # The reciprocals of squared cosines stay finite, and so do their products.
 SMALLEST_SQUARE = 2.0**-500
@@ -34,13 +37,18 @@ class Continuation:
     direction : (n, 3) float64, unit
     weight : (n, 3) float64, f |cos| / density: what the light from there counts; 0 where the path ends
     density : (n,) float64, per solid angle; inf where no other way leads to this direction
-    passes : (n,) bool, True where the ray goes straight through the surface
+    kind : (n,) uint8, of the bounce (`bounces`); STRAIGHT where the ray goes straight through the surface
     """
 
     direction: Floats
     weight: Floats
     density: Floats
-    passes: Booleans
+    kind: Kinds
+
+    @property
+    def passes(self) -> Booleans:
+        """(n,) True where the ray goes straight through the surface."""
+        return self.kind == STRAIGHT
 
     @property
     def alive(self) -> Booleans:
@@ -48,14 +56,32 @@ class Continuation:
         return (self.weight > 0).any(axis=1)
 
 
-def option_probabilities(shading: Shading) -> Floats:
-    """Return (n, 1 + lobes) the probability of each option: the passage first, then the lobes; rows of 0 have none."""
-    shares = np.zeros((len(shading), 1 + len(shading.lobes)))
-    shares[:, 0] = shading.transparency.mean(axis=1)
+def option_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
+    """Return the probability of each option: the passage first, then the lobes, (n, 1 + lobes); rows of 0 have none.
+
+    with_diffuse : True appends the Lambertian parts, that of the surface's normal first: (n, 2 + lobes + tilted)
+    """
+    count = 1 + len(shading.lobes)
+    shares = np.zeros((len(shading), count + (1 + len(shading.tilted) if with_diffuse else 0)))
+    shares[:, 0] = _mean_channel(shading.transparency)
     for column, lobes in enumerate(shading.lobes, start=1):
-        shares[lobes.hit, column] = lobes.weight.mean(axis=1) * lobes.albedo
+        shares[lobes.hit, column] = _mean_channel(lobes.weight) * lobes.albedo
+    if with_diffuse:
+        shares[:, count] = _mean_channel(shading.diffuse)
+        for column, part in enumerate(shading.tilted, start=count + 1):
+            shares[part.hit, column] = _mean_channel(part.albedo)
     total = shares.sum(axis=1, keepdims=True)
     return np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
+
+
+def _mean_channel(color: Floats) -> Floats:
+    """The mean (n,) of the channels of (n, 3), column by column: a reduction over three columns is slower by far."""
+    return (color[:, 0] + color[:, 1] + color[:, 2]) / 3.0
+
+
+def follows_diffuse(shading: Shading, probabilities: Floats) -> bool:
+    """True where the Lambertian parts are among the options."""
+    return probabilities.shape[1] > 1 + len(shading.lobes)
 
 
 def evaluate_lobes(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
@@ -73,16 +99,51 @@ def evaluate_lobes(shading: Shading, probabilities: Floats, incoming: Floats) ->
     return specular, density
 
 
+def evaluate_diffuse(shading: Shading, incoming: Floats) -> Floats:
+    """Return f |cos| (n, 3) of all Lambertian parts for light from `incoming` (n, 3), unit."""
+    value = shading.diffuse * (np.maximum(dot(shading.normal, incoming), 0.0) / np.pi)[:, np.newaxis]
+    for part in shading.tilted:
+        value[part.hit] += evaluate_tilted(part, shading.normal[part.hit], incoming[part.hit])
+    return value
+
+
+def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats) -> Floats:
+    """Return the density (n,) with which `sample_continuation` takes `incoming` for one of the Lambertian parts.
+
+    It is cos / pi about each part's normal, but nothing on the surface's other side, where directions are refused.
+    """
+    first = 1 + len(shading.lobes)
+    above = dot(shading.geometric_normal, incoming) > 0
+    density = np.where(above, probabilities[:, first] * np.maximum(dot(shading.normal, incoming), 0.0), 0.0)
+    for column, part in enumerate(shading.tilted, start=first + 1):
+        cosine = np.maximum(dot(part.normal, incoming[part.hit]), 0.0)
+        density[part.hit] += np.where(above[part.hit] != part.transmits, probabilities[part.hit, column] * cosine, 0.0)
+    return density / np.pi
+
+
+def evaluate_options(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
+    """Return f |cos| (n, 3) and the density (n,) of all options but the passage, as `evaluate_lobes`."""
+    if not follows_diffuse(shading, probabilities):
+        return evaluate_lobes(shading, probabilities, incoming)
+    value, density = evaluate_diffuse(shading, incoming), diffuse_density(shading, probabilities, incoming)
+    if shading.lobes:
+        specular, lobe_density = evaluate_lobes(shading, probabilities, incoming)
+        value += specular
+        density += lobe_density
+    return value, density
+
+
 def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples) -> Floats:
     """Return (n, 3) what each point of `shading` sends back of its sample of a light, in the share that reflected rays
     leave to light sampling."""
-    cosine = np.maximum(dot(shading.normal, light.direction), 0.0) / np.pi
-    value = shading.diffuse * cosine[:, np.newaxis]
-    for part in shading.tilted:
-        value[part.hit] += evaluate_tilted(part, shading.normal[part.hit], light.direction[part.hit])
-    if shading.lobes:
-        specular, density = evaluate_lobes(shading, probabilities, light.direction)
-        value += specular * power_heuristic(light.density, density)[:, np.newaxis]
+    if follows_diffuse(shading, probabilities):
+        value, density = evaluate_options(shading, probabilities, light.direction)
+        value *= power_heuristic(light.density, density)[:, np.newaxis]
+    else:
+        value = evaluate_diffuse(shading, light.direction)
+        if shading.lobes:
+            specular, density = evaluate_lobes(shading, probabilities, light.direction)
+            value += specular * power_heuristic(light.density, density)[:, np.newaxis]
     value *= light.weight
     return value
 
@@ -98,11 +159,10 @@ def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats) -> Fl
     A. Conty Estevez, P. Lecocq, C. Stein, "A Microfacet-Based Shadowing Function to Solve the Bump Terminator
     Problem", Ray Tracing Gems, 2019; Cycles' bump_shadowing_term since Blender 5.0 (before, another fading).
     """
-    cosine = np.maximum(dot(part.normal, incoming), 0.0)
     across, bend = dot(normal, incoming), dot(normal, part.normal)
     roughness = np.minimum(_squared_tangent(bend) / 8.0, 1.0)
     fading = 2.0 / (1.0 + np.sqrt(1.0 + roughness * _squared_tangent(across)))
-    return part.albedo * (np.where(across * bend > 0, fading, 0.0) * cosine / np.pi)[:, np.newaxis]
+    return part.evaluate(incoming) * np.where(across * bend > 0, fading, 0.0)[:, np.newaxis]
 
 
 def _squared_tangent(cosine: Floats) -> Floats:
@@ -129,29 +189,60 @@ def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats,
     """
     count = len(shading)
     option, rest = _choose_option(probabilities, choice)
-    direction, weight = -shading.outgoing, np.zeros((count, 3))
-    density, passes = np.full(count, np.inf), option == 0
-    straight = np.flatnonzero(passes)
-    weight[straight] = shading.transparency[straight] / probabilities[straight, 0:1]
+    way = Continuation(-shading.outgoing, np.zeros((count, 3)), np.full(count, np.inf), np.zeros(count, dtype=np.uint8))
+    straight = np.flatnonzero(option == 0)
+    way.weight[straight] = shading.transparency[straight] / probabilities[straight, 0:1]
     spread = np.zeros(count, dtype=np.bool_)
     for column, lobes in enumerate(shading.lobes, start=1):
         lobes = lobes.select(option[lobes.hit] == column)
-        if not len(lobes):
-            continue
-        rows = lobes.hit
-        sample = sample_microfacets(
-            lobes, shading.outgoing[rows], shading.geometric_normal[rows], rest[rows], pair[rows]
-        )
-        direction[rows] = sample.direction
-        perfect = (sample.valid & sample.perfect)[:, np.newaxis]
-        weight[rows] = np.where(perfect, sample.weight / probabilities[rows, column, np.newaxis], 0.0)
-        spread[rows] = sample.valid & ~sample.perfect
+        if len(lobes):
+            _sample_lobes(way, spread, shading, lobes, probabilities[lobes.hit, column], rest, pair)
+    if follows_diffuse(shading, probabilities):
+        _sample_diffuse(way, spread, shading, option, pair)
     if spread.any():
-        specular, lobe_density = evaluate_lobes(shading, probabilities, direction)
-        found = np.flatnonzero(spread & (lobe_density > 0))
-        density[found] = lobe_density[found]
-        weight[found] = specular[found] / lobe_density[found, np.newaxis]
-    return Continuation(direction, weight, density, passes)
+        value, density = evaluate_options(shading, probabilities, way.direction)
+        found = np.flatnonzero(spread & (density > 0))
+        way.density[found] = density[found]
+        way.weight[found] = value[found] / density[found, np.newaxis]
+    return way
+
+
+def _sample_lobes(
+    way: Continuation,
+    spread: Booleans,
+    shading: Shading,
+    lobes: Microfacets,
+    probability: Floats,
+    rest: Floats,
+    pair: Floats,
+) -> None:
+    """Fill in the directions of the points that take a lobe, and mark those (`spread`) that wait for their weights."""
+    rows = lobes.hit
+    sample = sample_microfacets(lobes, shading.outgoing[rows], shading.geometric_normal[rows], rest[rows], pair[rows])
+    way.direction[rows] = sample.direction
+    perfect = sample.valid & sample.perfect
+    way.weight[rows] = np.where(perfect[:, np.newaxis], sample.weight / probability[:, np.newaxis], 0.0)
+    spread[rows] = sample.valid & ~sample.perfect
+    transmitted = np.where(dot(lobes.normal, sample.direction) < 0, TRANSMITTED, 0)
+    way.kind[rows] = GLOSSY | np.where(sample.perfect, SINGULAR, 0) | transmitted
+
+
+def _sample_diffuse(
+    way: Continuation, spread: Booleans, shading: Shading, option: NDArray[np.intp], pair: Floats
+) -> None:
+    """Likewise of the points that take a Lambertian part: directions around its normal with density cos / pi."""
+    first = 1 + len(shading.lobes)
+    normal = shading.normal
+    if shading.tilted:
+        normal = normal.copy()
+        for column, part in enumerate(shading.tilted, start=first + 1):
+            taken = option[part.hit] == column
+            normal[part.hit[taken]] = part.normal[taken]
+            way.kind[part.hit[taken]] = DIFFUSE | TRANSMITTED if part.transmits else DIFFUSE
+    rows = np.flatnonzero(option >= first)
+    way.direction[rows] = to_world(sample_cosine_hemisphere(pair[rows]), normal[rows])
+    way.kind[rows] |= DIFFUSE
+    spread[rows] = True
 
 
 def _choose_option(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.intp], Floats]:

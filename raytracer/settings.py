@@ -15,6 +15,9 @@ from raytracer.film import PASSES
 
 Border = tuple[int, int, int, int]
 
+# What is followed beyond the first surface: mirrors, glass and the like, or diffuse reflection as well.
+INTEGRATORS = ("direct", "path")
+
 # Blender's default widths, in pixels.
 FILTER_WIDTHS = {"blackman_harris": 1.5, "box": 1.0}
 
@@ -27,7 +30,11 @@ class Settings:
     """The settings of a render.
 
     samples : rays per pixel
-    max_bounces : reflections and refractions that a ray may go through; straight passages do not count
+    integrator : 'direct' follows reflection and transmission but diffuse, 'path' everything
+    max_bounces : reflections and transmissions that a ray may go through; straight passages do not count
+    diffuse_bounces, glossy_bounces, transmission_bounces : how many of them may be diffuse reflections, other
+        reflections, and transmissions; None takes max_bounces
+    transparent_bounces : straight passages that a ray may make
     seed : another seed gives another, independent picture of the same noise
     passes : names from `film.PASSES`
     precision : 'certified', 'float64' or 'float32', see `raytracer.build`
@@ -41,7 +48,12 @@ class Settings:
     """
 
     samples: int = 64
+    integrator: str = "direct"
     max_bounces: int = 8
+    diffuse_bounces: int | None = None
+    glossy_bounces: int | None = None
+    transmission_bounces: int | None = None
+    transparent_bounces: int = 128
     seed: int = 0
     passes: tuple[str, ...] = ("Combined",)
     precision: str = "certified"
@@ -53,14 +65,22 @@ class Settings:
     border: Border | None = None
 
     def __post_init__(self) -> None:
+        for name in ("diffuse_bounces", "glossy_bounces", "transmission_bounces"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, self.max_bounces)
         for name, low, high in (
             ("samples", 1, WORD_LIMIT - 1),
             ("max_bounces", 0, None),
+            ("diffuse_bounces", 0, None),
+            ("glossy_bounces", 0, None),
+            ("transmission_bounces", 0, None),
+            ("transparent_bounces", 0, None),
             ("seed", 0, WORD_LIMIT - 1),
             ("workers", 1, None),
             ("block_size", 1, None),
         ):
             object.__setattr__(self, name, check_integer(getattr(self, name), low, high, f"Settings: {name}"))
+        require_choice(self.integrator, INTEGRATORS, "Settings: integrator")
         require_choice(self.precision, PRECISIONS, "Settings: precision")
         require_choice(self.pixel_filter, tuple(FILTER_WIDTHS), "Settings: pixel_filter")
         object.__setattr__(self, "passes", _check_passes(self.passes))

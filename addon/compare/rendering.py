@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +18,17 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.direct_light import MAX_PASSAGES
-
 from ..engine import ENGINE
 from ..passes import PASSES, enable_passes
+from ..properties import BOUNCE_LIMITS
 from ..versions import blender_pass_name, set_image_format
 from .exr import read_exr
 
 CYCLES = "CYCLES"
 Image = NDArray[np.float32]
 
+# Cycles' largest limit.
+MOST_TRANSPARENT = 1024
 # What neither engine shall add to the traced picture, and one thread each for times that compare.
 PLAIN_RENDER = {
     "resolution_percentage": 100,
@@ -75,8 +76,11 @@ class Request:
     batches : independent renders; seed : of the first, the next ones count up
     pixel_filter : 'BOX', one pixel wide whatever the width (Cycles' is), or 'BLACKMAN_HARRIS' of `filter_width` pixels
     through_centre : Cycles takes its first sample through the centre, which pulls a picture of few samples towards what
-        is seen there; False leaves that sample out
-    max_bounces : of reflection and refraction; neither engine follows diffuse bounces, nor counts transparency
+        is seen there, and has no depth of field; False leaves that sample out
+    max_bounces : of any kind
+    integrator : 'DIRECT' or 'PATH'; Cycles then follows no diffuse bounces, or all
+    limits : other limits by their names in `properties.BOUNCE_LIMITS`; what it does not say is `max_bounces`, and as
+        many transparent surfaces as no scene has
     """
 
     width: int
@@ -90,6 +94,13 @@ class Request:
     through_centre: bool = False
     passes: tuple[str, ...] = ("Combined",)
     cycles_factor: int = 1
+    integrator: str = "DIRECT"
+    limits: Mapping[str, int] = field(default_factory=dict)
+
+    def list_limits(self) -> dict[str, int]:
+        """Return all limits by the names in `properties.BOUNCE_LIMITS`."""
+        limits = dict.fromkeys(BOUNCE_LIMITS, self.max_bounces) | {"transparent_bounces": MOST_TRANSPARENT}
+        return limits | dict(self.limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,23 +143,23 @@ def exr_output(scene: Any, path: Path) -> Iterator[None]:
 @contextmanager
 def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[None]:
     """Set a scene up so that both engines compute the same picture."""
-    bounces = request.max_bounces
-    limits = {f"{kind}_bounces": bounces for kind in ("max", "glossy", "transmission")}
+    limits = request.list_limits()
     cycles = {
         **UNBIASED_CYCLES,
-        **limits,
-        "diffuse_bounces": 0,
+        **{name: limits[own] for own, name in BOUNCE_LIMITS.items()},
         "volume_bounces": 0,
-        "transparent_max_bounces": MAX_PASSAGES,
         "samples": request.samples * request.cycles_factor,
         "pixel_filter_type": request.pixel_filter,
         "filter_width": request.filter_width,
     }
+    if request.integrator == "DIRECT":
+        cycles["diffuse_bounces"] = 0
     if not request.through_centre:
         cycles |= skip_samples(scene.cycles, request.samples * request.cycles_factor)
     ours = {
         "samples": request.samples,
-        "max_bounces": bounces,
+        "integrator": request.integrator,
+        **limits,
         "workers": 1,
         "pixel_filter": request.pixel_filter,
         "filter_width": request.filter_width,
@@ -165,6 +176,7 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         changed(scene.cycles, seed=scene.cycles.seed, **cycles),
         changed(scene.reference_raytracer, seed=scene.reference_raytracer.seed, **ours),
         changed(view_layer, **switches),
+        sharp_camera(scene) if request.through_centre else nullcontext(),
     ):
         try:
             for layer in scene.view_layers:
@@ -174,6 +186,13 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         finally:
             for name, use in others.items():
                 scene.view_layers[name].use = use
+
+
+def sharp_camera(scene: Any) -> AbstractContextManager[None]:
+    """Switch depth of field off for as long as the context lasts."""
+    if scene.camera is None or scene.camera.type != "CAMERA":
+        return nullcontext()
+    return changed(scene.camera.data.dof, use_dof=False)
 
 
 def skip_samples(settings: Any, count: int) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..properties import BOUNCE_LIMITS
 from . import metrics
 from .flip import flip, mean_flip
 from .picture import save_png, show_heat, show_linear
@@ -89,8 +90,12 @@ def compare_with_cycles(
     scene, view_layer : bpy.types.Scene and one of its view layers; their settings are put back afterwards
     samples : per pixel, shared out among `batches`, at least one each
     """
-    max_bounces = scene.reference_raytracer.max_bounces
-    picture = Request(width, height, max(1, samples // batches), max_bounces, batches)
+    chosen = scene.reference_raytracer
+    picture = Request(
+        *(width, height, max(1, samples // batches), chosen.max_bounces, batches),
+        integrator=chosen.integrator,
+        limits={name: getattr(chosen, name) for name in BOUNCE_LIMITS},
+    )
     ours, cycles = render_both(scene, view_layer, picture)
     return CyclesComparison(picture.samples, ours, cycles, compare_passes(scene, view_layer, width, height))
 

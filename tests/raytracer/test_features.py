@@ -19,6 +19,7 @@ from raytracer import (
     World,
 )
 from raytracer.features import Features, derive_features
+from raytracer.scene import DEFAULT_MATERIAL
 from tests import meshes
 
 QUAD = meshes.make_quad()
@@ -54,7 +55,10 @@ def with_closures(*closures):
         (Scene(world=World(0.5)), {"world"}),
         (Scene(world=World(0)), set()),
         (with_closures(), set()),
-        (with_closures(Closure("diffuse")), set()),
+        (with_closures(Closure("diffuse")), {"diffuse"}),
+        (with_closures(Closure("diffuse", color=0)), set()),
+        (with_closures(Closure("principled", metallic=1)), {"mirrors", "rough"}),
+        (with_closures(Closure("principled", transmission=1)), {"mirrors", "rough"}),
         (with_closures(Closure("emission", color=1)), {"emission"}),
         (with_closures(Closure("emission", color=0)), set()),
         (with_closures(Closure("emission", color=1, weight=0)), set()),
@@ -64,10 +68,11 @@ def with_closures(*closures):
         (with_closures(Closure("glass", roughness=0)), {"mirrors"}),
         (with_closures(Closure("refraction", roughness=0)), {"mirrors"}),
         (with_closures(Closure("transparent")), {"transparency"}),
-        (with_closures(Closure("principled")), {"mirrors", "rough"}),
-        (with_closures(Closure("principled", alpha=0.5)), {"mirrors", "rough", "transparency"}),
-        (with_closures(Closure("principled", emission=1)), {"mirrors", "rough", "emission"}),
+        (with_closures(Closure("principled")), {"diffuse", "mirrors", "rough"}),
+        (with_closures(Closure("principled", alpha=0.5)), {"diffuse", "mirrors", "rough", "transparency"}),
+        (with_closures(Closure("principled", emission=1)), {"diffuse", "mirrors", "rough", "emission"}),
     ],
 )
 def test_features_are_those_of_the_content(scene, flags):
-    assert raised(scene) == flags
+    default = {"diffuse"} if scene.materials == (DEFAULT_MATERIAL,) else set()
+    assert raised(scene) == flags | default
