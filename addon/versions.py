@@ -97,6 +97,16 @@ def multiplies_alpha(image: Any, version: tuple[int, ...] = VERSION) -> bool:
     return image.alpha_mode == "STRAIGHT" if version >= (5, 2) else not image.is_float
 
 
+def returns_lost_light(version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where the Diffuse BSDF gives back the light that rough facets lose: since 4.3."""
+    return version >= (4, 3)
+
+
+def keeps_coats_flat(version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where a coat without a normal of its own has the surface's, not that of what lies under it."""
+    return version < (5, 0)
+
+
 def set_image_format(settings: Any, file_format: str) -> None:
     """Set an `ImageFormatSettings.file_format`; since 5.0 its kind of media comes first."""
     if hasattr(settings, "media_type"):
@@ -107,3 +117,8 @@ def set_image_format(settings: Any, file_format: str) -> None:
 def is_portal(light: Any) -> bool:
     """Return True for an area light that only guides Cycles; the setting is Cycles' own, absent without its add-on."""
     return bool(getattr(getattr(light, "cycles", None), "is_portal", False))
+
+
+def is_hidden_from_picking(shown: Any) -> bool:
+    """Return True for an object that Scene.ray_cast passes; the setting came with 5.0."""
+    return bool(getattr(shown, "hide_surface_pick", False))

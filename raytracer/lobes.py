@@ -26,8 +26,9 @@ from raytracer.rays import Floats
 SMALLEST_ETA_STEP = 1e-4
 # A rough lobe is picked at least so often, as a share of its weight.
 SMALLEST_PICK = 2.0**-6
-# Cycles stretches no highlight by less, and those of the Principled and the Metallic BSDF by no more than this.
-SMALLEST_ANISOTROPY, STRONGEST_ASPECT = 1e-4, 0.9
+# Cycles stretches no highlight by less anisotropy; more for the Glossy BSDF would divide by 0; other nodes take this
+# share of theirs.
+SMALLEST_ANISOTROPY, LARGEST_GLOSSY, STRONGEST_ASPECT = 1e-4, 0.99, 0.9
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -73,6 +74,7 @@ def stretch_grain(grain: Grain, closures: Closures, points: Points, glossy: bool
         return grain
     amount, alpha = closures.anisotropy, grain.roughness**2
     if glossy:
+        amount = np.clip(amount, -LARGEST_GLOSSY, LARGEST_GLOSSY)
         aspect = np.where(amount < 0, 1.0 / (1.0 - np.abs(amount)), 1.0 - np.abs(amount))
     else:
         aspect = 1.0 / np.sqrt(1.0 - STRONGEST_ASPECT * np.maximum(amount, 0.0))

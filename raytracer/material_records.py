@@ -25,7 +25,7 @@ CLOSURE_RANGES = {
     **dict.fromkeys(("diffuse_roughness", "coat_roughness", "sheen_roughness"), (0.0, 1.0)),
     **dict.fromkeys(("coat_weight", "sheen_weight"), (0.0, np.inf)),
     "coat_ior": (1.0, np.inf),
-    "anisotropy": (-0.99, 0.99),
+    "anisotropy": (-1.0, 1.0),
     "rotation": (-np.inf, np.inf),
     **dict.fromkeys(("size", "smooth", "multiscatter"), (0.0, 1.0)),
 }

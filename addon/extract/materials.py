@@ -1,14 +1,12 @@
 """Materials: shader nodes to sums of weighted closures, and a program for all that varies over a surface.
 
-The walk starts at the active output and ends at closures; Mix and Add Shader fold into weights. Stand-ins, each with a
-warning: a shader that reflects colored light in a way we lack becomes glossy (Metallic) or diffuse (Translucent,
-Subsurface, Sheen, Toon, Hair) of its own color; any other becomes the default grey diffuse; Holdout becomes black.
-Multiscatter GGX, the nodes' default, is treated as GGX. Imports raytracer and this package.
+The walk starts at the active output and ends at closures (`closures`); Mix and Add Shader fold into weights. Imports
+raytracer and this package.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,186 +17,14 @@ from raytracer.programs import Program, Register, Value
 from raytracer.site_tables import TANGENT
 
 from .. import versions
+from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
-from .nodes import Groups, Place, find_link, find_socket, find_source, read_color, read_number
+from .nodes import Groups, Place, find_source, read_color
 from .programs import ProgramBuilder
 from .warnings import WarningList
 
-GREY = 0.8  # what Cycles gives an object without a material
-SMALLEST_IOR = 1e-5  # as in Cycles
-LARGEST_IOR = float(np.finfo(np.float32).max)
-
-STAND_IN_KINDS = {
-    "BSDF_METALLIC": ("glossy", "Base Color"),
-    "BSDF_TRANSLUCENT": ("diffuse", "Color"),
-    "SUBSURFACE_SCATTERING": ("diffuse", "Color"),
-    "BSDF_SHEEN": ("diffuse", "Color"),
-    "BSDF_TOON": ("diffuse", "Color"),
-    "BSDF_HAIR": ("diffuse", "Color"),
-    "BSDF_HAIR_PRINCIPLED": ("diffuse", "Color"),
-    "EEVEE_SPECULAR": ("diffuse", "Base Color"),
-}
-
-# Inputs that change the picture and that we do not honour, by node.
-UNSUPPORTED_INPUTS = {
-    "BSDF_PRINCIPLED": (
-        *("Diffuse Roughness", "Subsurface Weight", "Anisotropic", "Coat Weight", "Sheen Weight"),
-        *("Thin Film Thickness", "Thin Wall"),
-    ),
-    "BSDF_DIFFUSE": ("Roughness",),
-    "BSDF_GLOSSY": ("Anisotropy",),
-    "BSDF_GLASS": ("Thin Film Thickness",),
-    "BSDF_REFRACTION": (),
-}
-SUPPORTED_DISTRIBUTIONS = ("GGX", "MULTI_GGX")
-
-
-class NodeInputs:
-    """Reads the inputs of one shader node: constants, or registers of the material's program.
-
-    Where only constants will do (`constants_only`), what a program would compute is replaced by the socket's own value
-    and reported.
-    """
-
-    def __init__(self, node: Any, groups: Groups, builder: ProgramBuilder, constants_only: bool) -> None:
-        self.node, self.groups, self.builder = node, groups, builder
-        self._constants_only = constants_only
-        self._replaced: list[str] = []
-
-    @property
-    def place(self) -> Place:
-        return self.builder.place
-
-    def color(self, identifier: str) -> Value:
-        """Return the input as linear RGB; a constant without negative parts."""
-        value = self._read(identifier, "color")
-        return value if isinstance(value, Register) else read_color(value)
-
-    def number(self, identifier: str, low: float = 0.0, high: float = np.inf) -> Value:
-        """Return the input as a number; a constant within what the shader takes."""
-        value = self._read(identifier, "number")
-        return value if isinstance(value, Register) else float(np.clip(value, low, high))
-
-    def limited(self, identifier: str, low: float, high: float) -> Value:
-        """Return the input as a number within a range."""
-        return self.builder.limit(self._read(identifier, "number"), low, high)
-
-    def normal(self, identifier: str = "Normal") -> Value | None:
-        """Return the normal that feeds the shader, or None for the surface's own."""
-        socket = find_socket(self.node.inputs, identifier)
-        if socket is None or find_link(socket) is None:
-            return None
-        value = self._read(identifier, "vector")
-        return value if isinstance(value, Register) or np.any(value) else None
-
-    def _read(self, identifier: str, kind: str) -> Value:
-        socket = find_socket(self.node.inputs, identifier)
-        value = self.builder.value_of(socket, self.groups, kind)
-        if not (self._constants_only and isinstance(value, Register)):
-            return value
-        own = socket.default_value
-        source = find_source(socket, self.groups).socket
-        shown = f"{own:.3g}" if np.ndim(own) == 0 else f"({', '.join(f'{part:.3g}' for part in own[:3])})"
-        self._replaced.append(f"{socket.name} {shown} instead of node '{source.node.name}'")
-        return read_number(own) if kind == "number" else read_color(own)
-
-    def is_used(self, identifier: str) -> bool:
-        """Return True where an optional input is linked, or set to something other than zero."""
-        socket = find_socket(self.node.inputs, identifier)
-        if socket is None or not socket.enabled:
-            return False
-        source = find_source(socket, self.groups).socket
-        if source is None or source.is_output or socket.type == "VECTOR":
-            return source is None or source.is_output
-        return read_number(source.default_value) != 0
-
-    def report(self) -> None:
-        """Add one warning that lists the inputs that constants replaced."""
-        if self._replaced:
-            listed = ", ".join(self._replaced)
-            self.place.warn(f"node '{self.node.name}': only constants are supported, used {listed}")
-
-
-Fields = dict[str, Any]
-
 # Operations that read what is stored for each instance.
 OBJECT_READERS = frozenset(f"OBJECT_INFO {output}" for output in ("Color", "Alpha", "Random"))
-
-
-def read_principled(inputs: NodeInputs) -> Fields:
-    emission = inputs.builder.scale(inputs.color("Emission Color"), inputs.number("Emission Strength"))
-    return {
-        "kind": "principled",
-        "color": inputs.color("Base Color"),
-        "metallic": inputs.number("Metallic", high=1.0),
-        "roughness": inputs.number("Roughness", high=1.0),
-        "ior": inputs.limited("IOR", SMALLEST_IOR, LARGEST_IOR),
-        "transmission": inputs.number("Transmission Weight", high=1.0),
-        "specular": inputs.number("Specular IOR Level", high=1.0),
-        "specular_tint": inputs.color("Specular Tint"),
-        "emission": emission,
-        "alpha": inputs.number("Alpha", high=1.0),
-        "normal": inputs.normal(),
-    }
-
-
-def read_diffuse(inputs: NodeInputs) -> Fields:
-    return {"kind": "diffuse", "color": inputs.color("Color"), "normal": inputs.normal()}
-
-
-def read_glossy(inputs: NodeInputs) -> Fields:
-    return {
-        "kind": "glossy",
-        "color": inputs.color("Color"),
-        "roughness": inputs.number("Roughness", high=1.0),
-        "normal": inputs.normal(),
-    }
-
-
-def read_dielectric(inputs: NodeInputs) -> Fields:
-    return {
-        "kind": "glass" if inputs.node.type == "BSDF_GLASS" else "refraction",
-        "color": inputs.color("Color"),
-        "roughness": inputs.number("Roughness", high=1.0),
-        "ior": inputs.limited("IOR", SMALLEST_IOR, LARGEST_IOR),
-        "normal": inputs.normal(),
-    }
-
-
-def read_transparent(inputs: NodeInputs) -> Fields:
-    return {"kind": "transparent", "color": inputs.color("Color")}
-
-
-def read_emission(inputs: NodeInputs) -> Fields:
-    return {"kind": "emission", "color": inputs.builder.scale(inputs.color("Color"), inputs.number("Strength"))}
-
-
-def read_holdout(inputs: NodeInputs) -> Fields:
-    inputs.place.warn(f"node '{inputs.node.name}' (Holdout) is not supported, the surface is black")
-    return {"kind": "diffuse", "color": 0.0}
-
-
-def read_stand_in(inputs: NodeInputs) -> Fields:
-    node = inputs.node
-    kind, color_input = STAND_IN_KINDS.get(node.type, ("diffuse", ""))
-    inputs.place.warn(f"node '{node.name}' ({node.bl_label}) is not supported, treated as {kind}")
-    closure: Fields = {"kind": kind, "color": inputs.color(color_input) if color_input else GREY}
-    if kind == "glossy":
-        closure["roughness"] = inputs.number("Roughness", high=1.0)
-    return closure
-
-
-CLOSURE_READERS: dict[str, Callable[[NodeInputs], Fields]] = {
-    "BSDF_PRINCIPLED": read_principled,
-    "BSDF_DIFFUSE": read_diffuse,
-    "BSDF_GLOSSY": read_glossy,
-    "BSDF_GLASS": read_dielectric,
-    "BSDF_REFRACTION": read_dielectric,
-    "BSDF_TRANSPARENT": read_transparent,
-    "EMISSION": read_emission,
-    "BACKGROUND": read_emission,
-    "HOLDOUT": read_holdout,
-}
 
 
 def read_shader(
@@ -246,17 +72,6 @@ def read_constant_emission(socket: Any, place: Place) -> np.ndarray | None:
         return None
     shining = [closure.weight * closure.color for closure in closures if closure.kind == "emission"]
     return np.sum(shining, axis=0) if shining else np.zeros(3)
-
-
-def warn_unsupported(inputs: NodeInputs) -> None:
-    """Name the inputs of a shader that are set and have no effect, and a microfacet distribution that is not GGX."""
-    node = inputs.node
-    ignored = [name for name in UNSUPPORTED_INPUTS.get(node.type, ()) if inputs.is_used(name)]
-    if ignored:
-        inputs.place.warn(f"node '{node.name}': {', '.join(ignored)} not supported, left out")
-    distribution = getattr(node, "distribution", "GGX")
-    if node.type in UNSUPPORTED_INPUTS and distribution not in SUPPORTED_DISTRIBUTIONS:
-        inputs.place.warn(f"node '{node.name}': distribution {distribution} is not supported, GGX is used")
 
 
 def extract_material(material: Any, object_name: str, images: ImageTable, warnings: WarningList) -> raytracer.Material:
