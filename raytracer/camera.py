@@ -4,7 +4,10 @@ A camera ray is the lecture's line through two points, p + t (q - p): p is the e
 plane, which stands one metre in front of the eye. So t is the depth along the viewing axis, in metres, for perspective
 and orthographic cameras alike: Blender's clipping planes are exactly t_min and t_max, and the Depth pass is t.
 
-Camera space is Blender's: x right, y up, looking along -z. Imports `lecture`, `rays` and `scene`.
+A lens has extent: rays start all over it, and those of one point of the picture meet in the plane of focus. With the
+start l on the lens, and the focus at the distance f, p becomes p + l and the direction d becomes d - l / f.
+
+Camera space is Blender's: x right, y up, looking along -z. Imports `lecture`, `rays`, `sampling` and `scene`.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from numpy.typing import NDArray
 
 from raytracer.lecture import line_through
 from raytracer.rays import Rays
+from raytracer.sampling import sample_disk
 from raytracer.scene import Camera
 
 Floats = NDArray[np.float64]
@@ -21,7 +25,7 @@ Floats = NDArray[np.float64]
 FILM_DEPTH = 1.0  # metres from the eye to the film plane: makes t the depth
 
 
-def primary_rays(camera: Camera, width: int, height: int, x: Floats, y: Floats) -> Rays:
+def primary_rays(camera: Camera, width: int, height: int, x: Floats, y: Floats, lens: Floats | None = None) -> Rays:
     """Return the rays through points of the picture.
 
     Parameters
@@ -29,6 +33,7 @@ def primary_rays(camera: Camera, width: int, height: int, x: Floats, y: Floats) 
     camera : Camera
     width, height : size of the full picture, pixels
     x, y : (n,) float64, pixels from the lower left corner, y up; the centre of pixel (i, j) is (i + 0.5, j + 0.5)
+    lens : (n, 2) uniform numbers, for the point of the lens; None starts all rays from its centre
 
     Returns
     -------
@@ -37,6 +42,9 @@ def primary_rays(camera: Camera, width: int, height: int, x: Floats, y: Floats) 
     film = locate_on_film(camera, width, height, x, y)  # (n, 3)
     eye = np.zeros(3) if camera.projection == "perspective" else film + np.array([0.0, 0.0, FILM_DEPTH])
     origins, directions = line_through(eye, film)
+    if lens is not None and camera.aperture_radius > 0:
+        start = np.pad(sample_aperture(camera, lens), ((0, 0), (0, 1)))  # (n, 3)
+        origins, directions = origins + start, directions - start / camera.focus_distance
     matrix = camera.world_from_camera
     return Rays(
         origins=_rotate(matrix, origins) + matrix[:3, 3],
@@ -44,6 +52,26 @@ def primary_rays(camera: Camera, width: int, height: int, x: Floats, y: Floats) 
         t_min=np.full(len(film), camera.clip_start),
         t_max=np.full(len(film), camera.clip_end),
     )
+
+
+def sample_aperture(camera: Camera, pair: Floats) -> Floats:
+    """Return points (n, 2) of the lens, metres, even over its aperture, for uniform numbers (n, 2).
+
+    A polygon of k corners, on the lens' border at the angles rotation + (2 j + 1) pi / k, is k triangles around its
+    centre; what is left of the first number within one spreads points in it. The ratio narrows the whole.
+    """
+    if camera.aperture_blades < 3:
+        points = sample_disk(pair)
+    else:
+        half = np.pi / camera.aperture_blades
+        side, rest = np.divmod(pair[:, 0] * camera.aperture_blades, 1.0)
+        outwards = np.sqrt(rest)
+        along = outwards * np.cos(half)
+        across = outwards * (2.0 * pair[:, 1] - 1.0) * np.sin(half)
+        turn = camera.aperture_rotation + side * 2.0 * half
+        cosine, sine = np.cos(turn), np.sin(turn)
+        points = np.stack([cosine * along - sine * across, sine * along + cosine * across], axis=1)
+    return points * (camera.aperture_radius / camera.aperture_ratio, camera.aperture_radius)
 
 
 def locate_on_film(camera: Camera, width: int, height: int, x: Floats, y: Floats) -> Floats:

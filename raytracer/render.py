@@ -35,6 +35,8 @@ SMALLEST_BLOCK = 1 << 16
 
 # Dimension of the pixel filter's samples; the integrator counts its own from 0 upwards.
 FILTER_DIMENSION = WORD_LIMIT - 1
+# Dimension of the points on the lens.
+LENS_DIMENSION = WORD_LIMIT - 2
 
 PassCallback = Callable[[Film, int, int], None]
 
@@ -270,15 +272,18 @@ class BlockTracer:
         if self._integrator:
             pair = samples.uniform_pair(FILTER_DIMENSION)
             offset = sample_pixel_filter(pair, self._settings.pixel_filter, cast(float, self._settings.filter_width))
-            values = self._trace(self._integrator, column + offset[:, 0], row + offset[:, 1], samples)
+            lens = samples.uniform_pair(LENS_DIMENSION) if self._view.camera.aperture_radius > 0 else None
+            values = self._trace(self._integrator, column + offset[:, 0], row + offset[:, 1], samples, lens)
         if self._centre_integrator and block.sample == 0:
             first = slice(0, block.stop - block.start)
             centre_values = self._trace(self._centre_integrator, column[first], row[first], samples.select(first))
         rays, seconds = self._caster.rays - rays_before, time.perf_counter() - started
         return BlockResult(block, values, centre_values, rays, seconds)
 
-    def _trace(self, integrator: Integrator, x: Floats, y: Floats, samples: PixelSamples) -> Mapping[str, Floats]:
-        rays = primary_rays(self._view.camera, self._view.full_width, self._view.full_height, x, y)
+    def _trace(
+        self, integrator: Integrator, x: Floats, y: Floats, samples: PixelSamples, lens: Floats | None = None
+    ) -> Mapping[str, Floats]:
+        rays = primary_rays(self._view.camera, self._view.full_width, self._view.full_height, x, y, lens)
         return trace(integrator, rays, samples)
 
 

@@ -204,6 +204,10 @@ class Camera:
     shift_x, shift_y : Blender's lens shift, in units of the fitted side
     clip_start, clip_end : metres along the view axis
     pixel_aspect : width over height of a pixel (Blender's pixel_aspect_x / pixel_aspect_y)
+    aperture_radius : metres, of the lens that rays start from; 0 is a pinhole, all in focus
+    focus_distance : metres along the view axis, where all rays of a point of the picture meet
+    aperture_blades : corners of the aperture's polygon; fewer than 3 make a disk
+    aperture_rotation : radians, counter-clockwise as the camera sees; aperture_ratio : height over width
     """
 
     world_from_camera: Any
@@ -218,17 +222,26 @@ class Camera:
     clip_start: float = 0.0
     clip_end: float = np.inf
     pixel_aspect: float = 1.0
+    aperture_radius: float = 0.0
+    focus_distance: float = 10.0
+    aperture_blades: int = 0
+    aperture_rotation: float = 0.0
+    aperture_ratio: float = 1.0
 
     def __post_init__(self) -> None:
         tiny = np.nextafter(0.0, 1.0)
         set_array(self, "world_from_camera", np.float64, (4, 4), "Camera")
         require_choice(self.projection, ("perspective", "orthographic"), "Camera: projection")
         require_choice(self.sensor_fit, ("auto", "horizontal", "vertical"), "Camera: sensor_fit")
-        for name in ("focal_length", "sensor_width", "sensor_height", "ortho_scale", "pixel_aspect"):
+        lens = ("focal_length", "sensor_width", "sensor_height", "ortho_scale", "pixel_aspect")
+        for name in (*lens, "focus_distance", "aperture_ratio"):
             set_number(self, name, tiny, np.inf, "Camera")
-        for name in ("shift_x", "shift_y"):
+        for name in ("shift_x", "shift_y", "aperture_rotation"):
             set_number(self, name, -np.inf, np.inf, "Camera")
-        set_number(self, "clip_start", 0.0, np.inf, "Camera")
+        for name in ("clip_start", "aperture_radius"):
+            set_number(self, name, 0.0, np.inf, "Camera")
+        require_range(set_array(self, "aperture_blades", np.int32, (), "Camera"), 0, np.inf, "Camera: aperture_blades")
+        set_field(self, "aperture_blades", int(self.aperture_blades))
         require_range(np.asarray(self.clip_end), self.clip_start, np.inf, "Camera: clip_end")
 
 

@@ -21,6 +21,9 @@ PROJECTIONS = {"PERSP": "perspective", "ORTHO": "orthographic"}
 # Cycles' clipping range, and sensor, for objects that are no cameras.
 OBJECT_CLIP_START, OBJECT_CLIP_END = 1e-5, 1e5
 SPOT_HALF_SENSOR = 16.0
+MILLIMETRES = 1000.0
+# Cycles' limits.
+SMALLEST_FSTOP, SMALLEST_FOCUS = 1e-5, 1e-5
 
 
 def extract_camera(scene: Any, warnings: WarningList) -> raytracer.Camera:
@@ -41,8 +44,6 @@ def extract_camera(scene: Any, warnings: WarningList) -> raytracer.Camera:
     lens = camera.data
     if lens.type not in PROJECTIONS:
         warnings.add(f"camera type {lens.type} is not supported, rendered as perspective", camera.name)
-    if lens.dof.use_dof:
-        warnings.add("depth of field is not supported, everything is in focus", camera.name)
     return raytracer.Camera(
         world_from_camera,
         projection=PROJECTIONS.get(lens.type, "perspective"),
@@ -56,7 +57,36 @@ def extract_camera(scene: Any, warnings: WarningList) -> raytracer.Camera:
         clip_start=lens.clip_start,
         clip_end=max(lens.clip_end, lens.clip_start),
         pixel_aspect=pixel_aspect,
+        **(read_aperture(lens, world_from_camera) if lens.dof.use_dof else {}),
     )
+
+
+def read_aperture(lens: Any, world_from_camera: NDArray[np.float64]) -> dict[str, Any]:
+    """Return the Camera's fields for depth of field.
+
+    The aperture's radius is focal length / (2 f-stop); 1 m / (2 f-stop) for an orthographic camera.
+    """
+    dof = lens.dof
+    focal_length = lens.lens / MILLIMETRES if lens.type != "ORTHO" else 1.0
+    return {
+        "aperture_radius": focal_length / (2.0 * max(dof.aperture_fstop, SMALLEST_FSTOP)),
+        "focus_distance": max(find_focus(dof, world_from_camera), SMALLEST_FOCUS),
+        "aperture_blades": dof.aperture_blades,
+        "aperture_rotation": dof.aperture_rotation,
+        "aperture_ratio": dof.aperture_ratio,
+    }
+
+
+def find_focus(dof: Any, world_from_camera: NDArray[np.float64]) -> float:
+    """Return the distance of focus along the view axis: of an object, of one of its bones, or as it is set."""
+    target = dof.focus_object
+    if target is None:
+        return float(dof.focus_distance)
+    matrix = np.array(target.matrix_world, dtype=np.float64)
+    bone = target.pose.bones.get(dof.focus_subtarget) if target.pose and dof.focus_subtarget else None
+    if bone is not None:
+        matrix = matrix @ np.array(bone.matrix, dtype=np.float64)
+    return float(abs(world_from_camera[:3, 2] @ (world_from_camera[:3, 3] - matrix[:3, 3])))
 
 
 def make_object_camera(view: Any, world_from_camera: NDArray[np.float64], pixel_aspect: float) -> raytracer.Camera:

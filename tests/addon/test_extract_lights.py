@@ -243,12 +243,40 @@ def test_camera_scaled_to_zero_is_refused_by_name(scene_with_camera: Any) -> Non
         extract()
 
 
-def test_panorama_and_depth_of_field_are_named(scene_with_camera: Any) -> None:
+def test_panorama_is_named(scene_with_camera: Any) -> None:
     scene_with_camera.camera.data.type = "PANO"
-    scene_with_camera.camera.data.dof.use_dof = True
     extraction = extract()
     assert extraction.scene.camera.projection == "perspective"
-    assert [word in warning.text for word, warning in zip(("PANO", "depth of field"), extraction.warnings, strict=True)]
+    (warning,) = extraction.warnings
+    assert "PANO" in warning.text
+
+
+def test_camera_without_depth_of_field_is_a_pinhole(scene_with_camera: Any) -> None:
+    scene_with_camera.camera.data.dof.aperture_fstop = 0.5
+    assert extract().scene.camera.aperture_radius == 0.0
+
+
+@pytest.mark.parametrize(("kind", "radius"), [("PERSP", 0.05 / 4), ("ORTHO", 1 / 4)])
+def test_aperture_is_focal_length_over_twice_the_stop(kind: str, radius: float, scene_with_camera: Any) -> None:
+    camera = scene_with_camera.camera.data
+    camera.type, camera.lens = kind, 50.0
+    dof = camera.dof
+    dof.use_dof, dof.aperture_fstop, dof.focus_distance, dof.aperture_blades = True, 2.0, 3.5, 5
+    dof.aperture_rotation, dof.aperture_ratio = 0.25, 1.5
+    found = extract().scene.camera
+    assert (found.focus_distance, found.aperture_blades) == (3.5, 5)
+    assert (found.aperture_rotation, found.aperture_ratio) == (0.25, 1.5)
+    assert np.isclose(found.aperture_radius, radius, rtol=STORED)
+
+
+def test_focus_follows_an_object_along_the_view_axis(scene_with_camera: Any) -> None:
+    camera = scene_with_camera.camera
+    camera.location, camera.rotation_euler, camera.scale = (0, 0, 10), (0, 0, 0), (2, 2, 2)
+    target = bpy.data.objects.new("Target", None)
+    target.location = (3, 1, 4)
+    scene_with_camera.collection.objects.link(target)
+    camera.data.dof.use_dof, camera.data.dof.focus_object = True, target
+    assert extract().scene.camera.focus_distance == 6.0
 
 
 def test_camera_may_be_a_spot_light(add_light: Callable[..., Any], scene_with_camera: Any) -> None:

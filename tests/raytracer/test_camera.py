@@ -90,3 +90,59 @@ def test_a_batch_equals_its_rays_one_at_a_time(projection):
         ray = primary_rays(camera, 64, 48, x[index : index + 1], y[index : index + 1])
         assert np.array_equal(ray.origins[0], batch.origins[index])
         assert np.array_equal(ray.directions[0], batch.directions[index])
+
+
+LENS = {"aperture_radius": 0.3, "focus_distance": 4.0}
+
+
+def cast_lens_rays(count=500, projection="perspective", **fields):
+    """Rays of one point of the picture, spread over the lens, in camera space."""
+    view = Camera(np.eye(4), projection=projection, **{**LENS, **fields})
+    pair = np.random.default_rng(7).random((count, 2))
+    return primary_rays(view, 40, 30, np.full(count, 7.3), np.full(count, 21.1), pair)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_lens_rays_of_a_point_meet_in_the_plane_of_focus(projection):
+    rays = cast_lens_rays(projection=projection)
+    sharp = primary_rays(Camera(np.eye(4), projection=projection), 40, 30, np.array([7.3]), np.array([21.1]))
+    met = rays.origins + LENS["focus_distance"] * rays.directions
+    expected = sharp.origins + LENS["focus_distance"] * sharp.directions
+    np.testing.assert_allclose(met, np.broadcast_to(expected, met.shape), atol=16 * np.finfo(float).eps)
+    np.testing.assert_array_equal(rays.directions[:, 2], -1.0)  # t is the depth
+
+
+def test_lens_is_a_disk_of_the_aperture():
+    """Even: of 500 points half lie within 1 / sqrt(2) of the radius, give or take five standard deviations."""
+    radii = np.hypot(*cast_lens_rays().origins[:, :2].T)
+    assert radii.max() <= LENS["aperture_radius"]
+    assert abs((radii < LENS["aperture_radius"] / np.sqrt(2)).sum() - 250) < 5 * np.sqrt(500) / 2
+
+
+@pytest.mark.parametrize("blades", [3, 5, 8])
+def test_blades_make_a_polygon(blades):
+    """Of k corners on the border, the first at rotation + pi / k; evenly filled: each of k sectors alike."""
+    rotation, count = 0.4, 20_000
+    points = cast_lens_rays(count, aperture_blades=blades, aperture_rotation=rotation).origins[:, :2]
+    angle = (np.arctan2(points[:, 1], points[:, 0]) - rotation + np.pi / blades) % (2 * np.pi)
+    sector, within = np.divmod(angle, 2 * np.pi / blades)
+    height = np.hypot(*points.T) * np.cos(within - np.pi / blades)
+    inner = LENS["aperture_radius"] * np.cos(np.pi / blades)
+    assert (height <= inner * (1 + 8 * np.finfo(float).eps)).all()
+    for share, expected in (
+        (np.bincount(sector.astype(int)) / count, 1 / blades),
+        ((height < inner / 2).mean(), 1 / 4),
+    ):
+        assert (np.abs(share - expected) < 5 * np.sqrt(expected / count)).all()
+
+
+def test_ratio_narrows_the_aperture():
+    wide, narrow = cast_lens_rays(), cast_lens_rays(aperture_ratio=2.0)
+    np.testing.assert_allclose(narrow.origins[:, 0], wide.origins[:, 0] / 2, rtol=4 * np.finfo(float).eps)
+    np.testing.assert_array_equal(narrow.origins[:, 1], wide.origins[:, 1])
+
+
+def test_pinhole_needs_no_lens():
+    with_lens, without = cast_lens_rays(aperture_radius=0.0), cast_lens_rays(1)
+    assert (with_lens.origins == 0).all()
+    assert (without.origins != 0).any()
