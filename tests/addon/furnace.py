@@ -29,8 +29,10 @@ Make = Callable[[Any, float | None], Any]
 
 
 def node(kind: str, varied: str = "Roughness", color: str = "Color", /, **settings: Any) -> Make:
-    """Return what makes a shader node of a roughness (None: as in `settings`): inputs by identifier, with underscores for blanks; properties in
-    lower case."""
+    """Return what makes a shader node of a roughness (None: as in `settings`).
+
+    settings : inputs by identifier, with underscores for blanks; properties in lower case
+    """
     inputs = {name.replace("_", " "): value for name, value in settings.items() if not name.islower()}
     properties = {name: value for name, value in settings.items() if name.islower()}
 
