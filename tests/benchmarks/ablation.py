@@ -67,7 +67,7 @@ FEATURES = {
     "rough reflection": (
         lambda: make_scene(raytracer.Closure("glossy", roughness=0.3)),
         {},
-        ("microfacet.py", "sample_visible_normals"),
+        ("facets.py", "sample_visible_normals"),
     ),
     "transparency": (
         lambda: make_scene(raytracer.Closure("principled", alpha=0.7, roughness=1.0)),
