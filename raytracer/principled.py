@@ -53,14 +53,14 @@ def add_principled(closures: Closures, points: Points) -> list[Microfacets]:
     weight = weight * (1.0 - transmission)[:, np.newaxis]
     specular, under = _make_specular(closures, points, weight)
     color = closures.color
-    add_matte(closures, points, under * color, color, np.ones(len(closures)))
+    add_matte(closures, points, under * color, color, full=True)
     return [*lobes, specular]
 
 
-def add_matte(closures: Closures, points: Points, albedo: Floats, color: Floats, returned: Floats) -> None:
+def add_matte(closures: Closures, points: Points, albedo: Floats, color: Floats, full: bool = False) -> None:
     """Add matte surfaces of an albedo (k, 3), rough ones by the model of Oren and Nayar, of a colour (k, 3).
 
-    returned : (k,), share of the light lost between rough facets that is given back
+    full : True gives back all the light lost between rough facets, whatever the closures say
     """
     if not closures.uses("diffuse_roughness"):
         points.add_diffuse(albedo)
@@ -69,7 +69,8 @@ def add_matte(closures: Closures, points: Points, albedo: Floats, color: Floats,
     rough = roughness >= SMALLEST_WEIGHT
     points.select(~rough).add_diffuse(albedo[~rough])
     where = points.select(rough)
-    shape = make_rough_matte(where.normal, where.outgoing, roughness[rough], color[rough], returned[rough])
+    returned = np.ones(len(where.rows)) if full else closures.multiscatter[rough]
+    shape = make_rough_matte(where.normal, where.outgoing, roughness[rough], color[rough], returned)
     where.add_part(where.normal, albedo[rough], shape)
 
 

@@ -44,7 +44,7 @@ def _colors(closures: Closures) -> Floats:
 
 def _add_diffuse(closures: Closures, points: Points) -> Lobes:
     color = closures.color
-    add_matte(closures, points, closures.weight[:, np.newaxis] * color, color, closures.multiscatter)
+    add_matte(closures, points, closures.weight[:, np.newaxis] * color, color)
     return []
 
 
