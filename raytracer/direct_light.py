@@ -3,7 +3,8 @@
 Every source of a scene becomes one function, a LightStage, that samples a direction from each point; what a scene lacks
 is not among them. A source that reflected rays can also meet is sampled in both ways, weighed by the power heuristic.
 Shadow rays that share the point they end at, or their direction, are cast in calls of their own.
-Imports `emitters`, `environment`, `lights`, `shared_lights`, `materials`, `scatter`, `surface`, `sampling`.
+Imports `emitters`, `environment`, `lights`, `shared_lights`, `materials`, `scatter`, `surface`, `sampling`,
+`visibility`.
 """
 
 from __future__ import annotations
@@ -30,33 +31,36 @@ from raytracer.light_shapes import LightSamples
 from raytracer.lights import has_extent, sample_light
 from raytracer.materials import MaterialTable, find_transparency
 from raytracer.rays import Floats, Rays, Surface, join_rays
+from raytracer.records import SEEN_BY_ALL
 from raytracer.sampling import PixelSamples, SharedSamples
 from raytracer.scatter import reflect_light
 from raytracer.scene import Light
 from raytracer.shared_lights import is_near, is_shareable, sample_shared, share_points
 from raytracer.surface import SurfaceTables, make_surface, spawn_origin
-
-# A stack of more transparent surfaces than this stops the light; it bounds the loops through them.
-MAX_PASSAGES = 128
+from raytracer.visibility import Cast, classify_shadows
 
 # The key of shadow rays that share nothing.
 ALONE = -1
 
 Indices = NDArray[np.intp]
 Keys = NDArray[np.int32]
-Visibility = Callable[[Rays], Floats]
+Counts = NDArray[np.int32]
+# What shadow rays, after so many straight passages of their paths, let through: (n, 1) or (n, 3).
+Visibility = Callable[[Rays, Counts], Floats]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LitPoints:
     """n points that wait for light.
 
+    passages : (n,) int32, straight passages of the paths that led there
     samples, shared : the points' own sample numbers, and those they share with others (None: nothing)
     dimension : the first of the numbered dimensions of `samples` to use
     """
 
     surface: Surface
     shading: Shading
+    passages: Counts
     samples: PixelSamples
     shared: SharedSamples | None
     dimension: int
@@ -76,12 +80,13 @@ LightStage = Callable[[LitPoints], Aim]
 
 @dataclass(frozen=True, eq=False)
 class LightSource:
-    """A source of light: the stage that samples it, how many numbered dimensions that takes, and whether it throws
-    shadows."""
+    """A source of light: the stage that samples it, how many numbered dimensions that takes, whether it throws shadows,
+    and the classes of rays that see it, which are the ways in which its light is reflected."""
 
     sample: LightStage
     dimensions: int
     cast_shadow: bool = True
+    seen_by: int = SEEN_BY_ALL
 
 
 def lamp_source(light: Light, weigh: bool) -> LightSource:
@@ -103,7 +108,7 @@ def lamp_source(light: Light, weigh: bool) -> LightSource:
         pair = points.samples.uniform_pair(points.dimension)
         return Aim(sample_light(light, points.surface.position, pair), _fill_keys(points, key_of_own))
 
-    return LightSource(sample, 2, light.cast_shadow)
+    return LightSource(sample, 2, light.cast_shadow, light.seen_by)
 
 
 def _replace_near(light: Light, points: LitPoints, aim: Aim) -> None:
@@ -168,12 +173,14 @@ class ShadowRays:
     row : (k,) int64, of the batch, that they light
     light : (k, 3) float64, what arrives if nothing is in the way
     key : (k,) int32, as in Aim
+    passages : (k,) int32, as in LitPoints
     rays : None where the source throws no shadows
     """
 
     row: Indices
     light: Floats
     key: Keys
+    passages: Counts
     rays: Rays | None
 
 
@@ -184,7 +191,7 @@ def aim_at_lights(
 
     Parameters
     ----------
-    probabilities : (n, 1 + lobes) float64, of `scatter.option_probabilities`
+    probabilities : (n, options) float64, of `scatter.option_probabilities`
     throughput : (n, 3) float64, what light from these points counts; 0 leaves a point out
     row : (n,) int64, the points' rows of the batch
     """
@@ -192,10 +199,10 @@ def aim_at_lights(
     for source in sources:
         aim = source.sample(replace(points, dimension=dimension))
         dimension += source.dimensions
-        light = reflect_light(points.shading, probabilities, aim.light) * throughput
+        light = reflect_light(points.shading, probabilities, aim.light, source.seen_by) * throughput
         lit = np.flatnonzero((aim.light.density > 0) & (light > 0).any(axis=1))
         rays = _aim(points.surface, aim.light, lit) if source.cast_shadow else None
-        aimed.append(ShadowRays(row[lit], light[lit], aim.key[lit], rays))
+        aimed.append(ShadowRays(row[lit], light[lit], aim.key[lit], points.passages[lit], rays))
     return aimed
 
 
@@ -217,9 +224,10 @@ def cast_shadows(visibility: Visibility, aimed: Sequence[ShadowRays]) -> list[Fl
     casting = [record for record in aimed if record.rays is not None and len(record.row)]
     rays = join_rays([record.rays for record in casting if record.rays is not None])
     key = np.concatenate([np.zeros(0, np.int32), *_number_keys(casting)])
+    passages = np.concatenate([np.zeros(0, np.int32), *(record.passages for record in casting)])
     seen = None
     for rows in _split_by_key(key):
-        part = visibility(rays.select(rows))
+        part = visibility(rays.select(rows), passages[rows])
         seen = np.empty((len(rays), part.shape[1])) if seen is None else seen
         seen[rows] = part
     shares, start = [], 0
@@ -250,35 +258,45 @@ def _split_by_key(key: Keys) -> Iterator[Indices | slice]:
     yield from np.split(order, ends)
 
 
-def opaque_visibility(caster: Caster) -> Visibility:
-    """Shadow rays where every surface stops the light: (n, 1), 1 or 0."""
+def opaque_visibility(caster: Caster, cast: Cast | None = None) -> Visibility:
+    """Shadow rays where every surface stops the light: (n, 1), 1 or 0.
 
-    def see(rays: Rays) -> Floats:
-        blocked = caster.any_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
+    cast : needed where some objects throw no shadows
+    """
+
+    def see(rays: Rays, passages: Counts) -> Floats:
+        if cast is not None:
+            blocked = cast(rays, classify_shadows(rays)).hit
+        else:
+            blocked = caster.any_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
         return np.where(blocked, 0.0, 1.0)[:, np.newaxis]
 
     return see
 
 
-def transparent_visibility(caster: Caster, tables: SurfaceTables, materials: MaterialTable) -> Visibility:
-    """Shadow rays that pass through transparent surfaces: (n, 3), the share of light that is left."""
-    return partial(_see_through, caster, tables, materials)
+def transparent_visibility(cast: Cast, tables: SurfaceTables, materials: MaterialTable, most: int) -> Visibility:
+    """Shadow rays that pass through transparent surfaces: (n, 3), the share of light that is left.
+
+    most : straight passages that a path may make, with its shadow ray
+    """
+    return partial(_see_through, cast, tables, materials, most)
 
 
-def _see_through(caster: Caster, tables: SurfaceTables, materials: MaterialTable, rays: Rays) -> Floats:
+def _see_through(
+    cast: Cast, tables: SurfaceTables, materials: MaterialTable, most: int, rays: Rays, passages: Counts
+) -> Floats:
     left = np.ones((len(rays), 3))
     rows = np.arange(len(rays))
-    for _ in range(MAX_PASSAGES):
-        hits = caster.closest_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
+    while len(rows):
+        hits = cast(rays, classify_shadows(rays))
         met = np.flatnonzero(hits.hit)
         rays, hits, rows = rays.select(met), hits.select(met), rows[met]
-        if not len(rows):
-            return left
         surface = make_surface(tables, rays, hits)
         left[rows] *= find_transparency(materials, surface)
+        left[rows[passages[rows] >= most]] = 0.0
+        passages = passages + 1
         open_ = np.flatnonzero((left[rows] > 0).any(axis=1))
         rays, surface, rows = rays.select(open_), surface.select(open_), rows[open_]
         reach = rays.t_max - hits.distance[open_]
         rays = Rays(spawn_origin(surface, rays.directions), rays.directions, np.zeros(len(rows)), np.maximum(reach, 0))
-    left[rows] = 0.0
     return left

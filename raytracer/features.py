@@ -12,7 +12,7 @@ from typing import Any
 
 from raytracer.nodes import reads_light_path
 from raytracer.programs import Register
-from raytracer.scene import AreaLight, Closure, PointLight, Scene, SpotLight, SunLight, World
+from raytracer.scene import SEEN_BY_ALL, AreaLight, Closure, PointLight, Scene, SpotLight, SunLight, World
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
 SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
@@ -30,6 +30,7 @@ class Features:
     rough : a reflecting or transmitting material has roughness above 0
     transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
     holdout : an object punches a hole into the alpha channel
+    ray_visibility : an object is hidden from some rays
     programs : a parameter of a material is computed at each point
     light_path : a program asks how the ray came
     """
@@ -49,6 +50,7 @@ class Features:
     rough: bool
     transparency: bool
     holdout: bool
+    ray_visibility: bool
     programs: bool
     light_path: bool
 
@@ -108,6 +110,9 @@ def derive_features(scene: Scene) -> Features:
     holdouts = [group.holdout for group in scene.spheres]
     if scene.instances is not None:
         holdouts.extend(scene.instances.holdout.tolist())
+    hides = any(group.seen_by != SEEN_BY_ALL for group in scene.spheres)
+    if scene.instances is not None and scene.instances.seen_by is not None:
+        hides |= bool((scene.instances.seen_by != SEEN_BY_ALL).any())
     return Features(
         meshes=any(len(mesh.triangles) for mesh in scene.meshes),
         spheres=any(len(group.radii) for group in scene.spheres),
@@ -124,6 +129,7 @@ def derive_features(scene: Scene) -> Features:
         rough=any(_is_rough(closure) for closure in closures),
         transparency=any(_lets_through(closure) for closure in closures),
         holdout=any(holdouts),
+        ray_visibility=hides,
         programs=any(closure.registers or closure.vectors for closure in closures),
         light_path=any(reads_light_path(material.program) for material in scene.materials),
     )

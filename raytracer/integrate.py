@@ -48,6 +48,7 @@ from raytracer.lights import evaluate_light, has_extent
 from raytracer.materials import MaterialTable, find_radiance, make_material_table, make_shading
 from raytracer.paths import Paths, Record, advance, join_paths, start_paths, start_record
 from raytracer.rays import Booleans, Floats, Hits, Rays, Surface
+from raytracer.records import SEEN_BY, SEEN_BY_ALL
 from raytracer.sampling import PixelSamples, SharedSamples, share_samples
 from raytracer.scatter import Continuation, option_probabilities, power_heuristic, sample_continuation
 from raytracer.scene import Light, Scene
@@ -55,6 +56,7 @@ from raytracer.settings import Settings
 from raytracer.site_tables import make_site_tables
 from raytracer.sites import LightPath
 from raytracer.surface import SurfaceTables, make_surface, make_surface_tables
+from raytracer.visibility import Cast, classify_rays, make_cast
 
 # Passes that need light; the others are known at the first surface.
 LIGHT_PASSES = frozenset(("Combined", "Diffuse Color", "Emission", "Shadow"))
@@ -81,6 +83,7 @@ class Integrator:
     visible_lamps : lamps that a reflected ray can meet
     emitters : None where nothing shines
     background : the world, or None where it is black
+    cast : finds what rays hit of what they see
     visibility : how shadow rays fare
     holdout : (instances + groups,) bool, or None where nothing punches holes
     pass_index : (instances + groups,) int32
@@ -91,7 +94,7 @@ class Integrator:
     dimensions : numbered dimensions of a wave
     """
 
-    caster: Caster
+    cast: Cast
     settings: Settings
     tables: SurfaceTables
     materials: MaterialTable
@@ -136,10 +139,17 @@ def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, 
         sources.append(emitter_source(emitters))
     if background is not None:
         sources.append(world_source(background))
-    see_through = features.transparency
-    visible_lamps = tuple(light for light in lamps if has_extent(light) and (features.mirrors or interreflects))
+    reflects = features.mirrors or interreflects
+    meeting = SEEN_BY_ALL - SEEN_BY["shadow"] if reflects else SEEN_BY["camera"]
+    visible_lamps = tuple(light for light in lamps if has_extent(light) and light.seen_by & meeting)
+    seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
+    cast = make_cast(caster, seen_by)
+    if features.transparency:
+        visibility = transparent_visibility(cast, tables, materials, settings.transparent_bounces)
+    else:
+        visibility = opaque_visibility(caster, None if seen_by is None else cast)
     return Integrator(
-        caster=caster,
+        cast=cast,
         settings=settings,
         tables=tables,
         materials=materials,
@@ -147,7 +157,7 @@ def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, 
         visible_lamps=visible_lamps,
         emitters=emitters,
         background=background,
-        visibility=transparent_visibility(caster, tables, materials) if see_through else opaque_visibility(caster),
+        visibility=visibility,
         holdout=_gather_records(scene, "holdout", np.bool_) if features.holdout else None,
         pass_index=_gather_records(scene, "pass_index", np.int32),
         needs_light=needs_light,
@@ -166,7 +176,10 @@ def light_is_on(light: Light) -> bool:
 
 def _gather_records(scene: Scene, name: str, dtype: type) -> NDArray[Any]:
     """Return a property of all instances, then of all groups of spheres."""
-    instances = np.zeros(len(scene.meshes), dtype) if scene.instances is None else getattr(scene.instances, name)
+    instances = None if scene.instances is None else getattr(scene.instances, name)
+    if instances is None:
+        default = SEEN_BY_ALL if name == "seen_by" else 0
+        instances = np.full(scene.instance_count, default, dtype)
     return np.concatenate([instances, np.array([getattr(group, name) for group in scene.spheres], dtype=dtype)])
 
 
@@ -184,9 +197,7 @@ def trace(integrator: Integrator, rays: Rays, samples: PixelSamples) -> dict[str
     shared = share_samples(samples)
     dimension = 0
     while len(paths):
-        hits = integrator.caster.closest_hit(
-            paths.rays.origins, paths.rays.directions, paths.rays.t_min, paths.rays.t_max
-        )
+        hits = integrator.cast(paths.rays, classify_rays(paths.kind))
         add_background(integrator, record, paths, hits)
         add_lamps(integrator, record, paths, hits)
         met = np.flatnonzero(hits.hit)
@@ -273,7 +284,7 @@ def shade(
     probabilities = weigh_options(integrator, paths, shading, ended)
     aimed = aim_at_lights(
         integrator.sources,
-        LitPoints(surface, shading, chosen, shared, dimension + FIRST_SOURCE),
+        LitPoints(surface, shading, paths.passages, chosen, shared, dimension + FIRST_SOURCE),
         probabilities,
         np.where(ended[:, np.newaxis], 0.0, paths.throughput),
         paths.row,
@@ -303,16 +314,23 @@ def add_background(integrator: Integrator, record: Record, paths: Paths, hits: H
 
 
 def add_lamps(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
-    """Reflected rays see the lamps that they pass before they hit; what the camera sees straight shows none."""
-    if not integrator.visible_lamps:
-        return
-    away = np.flatnonzero(~paths.direct)
-    paths, reach = paths.select(away), paths.travelled[away] + hits.distance[away]
+    """Rays see the lamps that they pass before they hit, if those are for them to see."""
     for lamp in integrator.visible_lamps:
-        seen = evaluate_light(lamp, paths.scatter_origin, paths.rays.directions)
-        passed = (seen.density > 0) & (paths.travelled <= seen.distance) & (seen.distance <= reach)
-        share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
-        record.add("Combined", paths.row, paths.throughput * share * seen.radiance)
+        add_lamp(lamp, record, paths, hits)
+
+
+def add_lamp(lamp: Light, record: Record, paths: Paths, hits: Hits) -> None:
+    """Add what rays see of one lamp; the directions of camera rays may have any length."""
+    rows = np.flatnonzero(classify_rays(paths.kind) & lamp.seen_by)
+    paths = paths.select(rows)
+    unit = length(paths.rays.directions)
+    seen = evaluate_light(lamp, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
+    reach = paths.travelled + hits.distance[rows] * unit
+    passed = (seen.density > 0) & (paths.travelled <= seen.distance) & (seen.distance <= reach)
+    share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
+    radiance = paths.throughput * share * seen.radiance
+    record.add("Combined", paths.row, radiance)
+    record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
 
 
 def cut_holes(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> tuple[Paths, Hits]:

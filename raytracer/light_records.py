@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 
 from raytracer.checks import require_choice
-from raytracer.records import set_array, set_color, set_field, set_number
+from raytracer.records import SEEN_BY, SEEN_BY_ALL, set_array, set_color, set_field, set_number, set_seen_by
+
+# What sees a lamp as Blender makes it; shadow rays have nothing to do with it.
+LAMP_SEEN_BY = SEEN_BY_ALL - SEEN_BY["camera"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,6 +19,8 @@ class PointLight:
     """A sphere, or a point where radius is 0, that emits `power` watts (linear RGB) into all directions.
 
     soft_falloff : Blender's option: a disk that faces the shaded point instead of a true sphere
+    seen_by : bits of SEEN_BY, the classes of rays that meet the lamp; light that a lamp sends to a surface is reflected
+        only in the ways in which it is seen. So for all lamps
     """
 
     position: Any
@@ -24,12 +29,14 @@ class PointLight:
     soft_falloff: bool = True
     cast_shadow: bool = True
     name: str = ""
+    seen_by: int = LAMP_SEEN_BY
 
     def __post_init__(self) -> None:
         label = f"PointLight {self.name!r}"
         set_array(self, "position", np.float64, (3,), label)
         set_color(self, "power", label)
         set_number(self, "radius", 0.0, np.inf, label)
+        set_seen_by(self, label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +80,7 @@ class SunLight:
     angle: float = 0.0
     cast_shadow: bool = True
     name: str = ""
+    seen_by: int = LAMP_SEEN_BY
 
     def __post_init__(self) -> None:
         label = f"SunLight {self.name!r}"
@@ -83,6 +91,7 @@ class SunLight:
         set_field(self, "direction", direction / length)
         set_color(self, "strength", label)
         set_number(self, "angle", 0.0, np.pi, label)
+        set_seen_by(self, label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +112,7 @@ class AreaLight:
     spread: float = np.pi
     cast_shadow: bool = True
     name: str = ""
+    seen_by: int = LAMP_SEEN_BY
 
     def __post_init__(self) -> None:
         label = f"AreaLight {self.name!r}"
@@ -111,6 +121,7 @@ class AreaLight:
         set_color(self, "power", label)
         require_choice(self.shape, ("rectangle", "ellipse"), f"{label}: shape")
         set_number(self, "spread", 0.0, np.pi, label)
+        set_seen_by(self, label)
 
 
 Light = PointLight | SpotLight | SunLight | AreaLight

@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 
 from raytracer.checks import as_array, require_finite, require_range
 
+# The classes of rays that may see an object or a lamp, as bits; shadow rays look for light from a surface.
+SEEN_BY = {"camera": 1, "diffuse": 2, "glossy": 4, "transmission": 8, "shadow": 16}
+SEEN_BY_ALL = sum(SEEN_BY.values())
+
 
 def set_field(record: Any, name: str, value: Any) -> None:
     object.__setattr__(record, name, value)
@@ -37,3 +41,10 @@ def set_color(record: Any, name: str, label: str) -> None:
 def set_number(record: Any, name: str, low: float, high: float, label: str) -> None:
     require_range(set_array(record, name, np.float64, (), label), low, high, f"{label}: {name}")
     set_field(record, name, float(getattr(record, name)))
+
+
+def set_seen_by(record: Any, label: str) -> None:
+    """Check the field `seen_by`: one number of bits of SEEN_BY."""
+    mask = set_array(record, "seen_by", np.int32, (), label)
+    require_range(mask, 0, SEEN_BY_ALL, f"{label}: seen_by")
+    set_field(record, "seen_by", int(mask))

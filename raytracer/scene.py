@@ -27,13 +27,15 @@ from raytracer.material_records import (
     Material,
 )
 from raytracer.programs import Program, Register, check_register
-from raytracer.records import set_array, set_color, set_field, set_number
+from raytracer.records import SEEN_BY, SEEN_BY_ALL, set_array, set_color, set_field, set_number, set_seen_by
 
 __all__ = [
     "CLOSURE_COLORS",
     "CLOSURE_KINDS",
     "CLOSURE_RANGES",
     "DEFAULT_MATERIAL",
+    "SEEN_BY",
+    "SEEN_BY_ALL",
     "AreaLight",
     "Camera",
     "Closure",
@@ -118,6 +120,7 @@ class Spheres:
     material : int, or (s,) int32, index into the scene's materials
     pass_index : int, the Object Index pass
     holdout : bool, True punches a hole into the image's alpha
+    seen_by : bits of SEEN_BY, the classes of rays that see them
     """
 
     centres: Any
@@ -126,6 +129,7 @@ class Spheres:
     pass_index: int = 0
     holdout: bool = False
     name: str = ""
+    seen_by: int = SEEN_BY_ALL
 
     def __post_init__(self) -> None:
         label = f"Spheres {self.name!r}" if self.name else "Spheres"
@@ -133,6 +137,7 @@ class Spheres:
         radii = set_array(self, "radii", np.float64, (len(centres),), label)
         require_range(radii, np.nextafter(0.0, 1.0), np.inf, f"{label}: radii")
         _set_material(self, len(centres), label)
+        set_seen_by(self, label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +148,7 @@ class Instances:
     world_from_object : (i, 4, 4) float64, affine, last row (0, 0, 0, 1); may mirror and shear
     pass_index : (i,) int32, the Object Index pass
     holdout : (i,) bool, True punches a hole into the image's alpha
+    seen_by : (i,) int32, bits of SEEN_BY, the classes of rays that see it; None = all
     random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
     """
 
@@ -152,6 +158,7 @@ class Instances:
     holdout: Any = None
     random: Any = None
     color: Any = None
+    seen_by: Any = None
 
     def __post_init__(self) -> None:
         count = len(set_array(self, "mesh", np.int32, ("i",), "Instances"))
@@ -170,6 +177,9 @@ class Instances:
         for name, shape in (("random", (count,)), ("color", (count, 4))):
             if getattr(self, name) is not None:
                 set_array(self, name, np.float64, shape, "Instances")
+        if self.seen_by is not None:
+            mask = set_array(self, "seen_by", np.int32, (count,), "Instances")
+            require_range(mask, 0, SEEN_BY_ALL, "Instances: seen_by")
 
     def __len__(self) -> int:
         return len(self.mesh)

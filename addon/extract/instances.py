@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import raytracer
 from raytracer.noise import hash_words
+from raytracer.scene import SEEN_BY, SEEN_BY_ALL
 
 from .attributes import AttributeTable
 from .lights import extract_light
@@ -58,6 +59,7 @@ class Part:
     pass_index: int = 0
     holdout: bool = False
     color: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
+    seen_by: int = SEEN_BY_ALL
     mesh: int | None = None
     points: Points | None = None
     material: int = 0
@@ -129,11 +131,12 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         return None
     if kind == "LIGHT":
         return make_light_part(shown, source, context)
-    if not check_visibility(shown, instancer, context):
+    seen_by = find_visibility(shown, instancer, context)
+    if not seen_by:
         return None
     warn_hair(source, context.warnings)
     holdout = instancer.holdout_get(view_layer=context.view_layer)
-    part = Part(make_key(source), shown.pass_index, holdout, tuple(shown.color))
+    part = Part(make_key(source), shown.pass_index, holdout, tuple(shown.color), seen_by)
     if kind == "MESH":
         geometry = context.meshes.find_geometry(shown.data, name)
         if geometry is None:
@@ -163,30 +166,23 @@ def make_key(source: Any) -> ObjectKey:
 def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
     if context.materials is None:
         return None
-    hidden = [label for name, label in RAY_VISIBILITY.items() if label != "camera" and not getattr(shown, name)]
-    if hidden:
-        context.warnings.add(f"light hidden from {', '.join(hidden)} rays: not supported, lights all", source.name)
-    if shown.visible_camera:
-        context.warnings.add("light visible to the camera: not supported, only its light is seen", source.name)
-    return Part(make_key(source), light=shown.data)
+    seen_by = sum(SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name))
+    if not seen_by & ~SEEN_BY["shadow"]:
+        return None
+    return Part(make_key(source), light=shown.data, seen_by=seen_by)
 
 
-def check_visibility(shown: Any, instancer: Any, context: Context) -> bool:
-    """Return False for an object hidden from all rays; warn of what hides it from some, or makes it a catcher."""
-    hidden = {
-        label for name, label in RAY_VISIBILITY.items() if not (getattr(shown, name) and getattr(instancer, name))
-    }
-    if len(hidden) == len(RAY_VISIBILITY):
-        return False
+def find_visibility(shown: Any, instancer: Any, context: Context) -> int:
+    """Return the classes of rays that see an object, as bits of SEEN_BY; warn of what makes it a catcher."""
+    seen_by = sum(
+        SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name) and getattr(instancer, name)
+    )
     view_layer = context.view_layer
     if not instancer.holdout_get(view_layer=view_layer) and instancer.indirect_only_get(view_layer=view_layer):
-        hidden.add("camera")
-    if hidden:
-        listed = ", ".join(label for label in RAY_VISIBILITY.values() if label in hidden)
-        context.warnings.add(f"hidden from {listed} rays: not supported, all rays see it", shown.name)
-    if shown.is_shadow_catcher or instancer.is_shadow_catcher:
+        seen_by &= ~SEEN_BY["camera"]
+    if seen_by and (shown.is_shadow_catcher or instancer.is_shadow_catcher):
         context.warnings.add("shadow catcher is not supported, shown as an ordinary object", shown.name)
-    return True
+    return seen_by
 
 
 def warn_hair(source: Any, warnings: WarningList) -> None:
@@ -236,13 +232,14 @@ def place_parts(placements: Placements, warnings: WarningList, with_info: bool =
             spheres.append(place_points(part, matrices[row], warnings))
             sphere_objects.append(part.object)
         elif (light := extract_light(part.light, part.object.name, matrices[row], warnings)) is not None:
-            lights.append(light)
+            lights.append(replace(light, seen_by=part.seen_by))
     parts = [placements.parts[placements.part[row]] for row in meshes]
     instances = raytracer.Instances(
         mesh=np.array([part.mesh for part in parts], dtype=np.int32),
         world_from_object=matrices[np.asarray(meshes, dtype=np.intp)],
         pass_index=np.array([part.pass_index for part in parts], dtype=np.int32),
         holdout=np.array([part.holdout for part in parts], dtype=np.bool_),
+        seen_by=np.array([part.seen_by for part in parts], dtype=np.int32),
         random=np.array([placements.random[row] for row in meshes]) if with_info else None,
         color=np.array([part.color for part in parts]).reshape(-1, 4) if with_info else None,
     )
@@ -266,5 +263,6 @@ def place_points(part: Part, world_from_object: NDArray[np.float64], warnings: W
         material=part.material,
         pass_index=part.pass_index,
         holdout=part.holdout,
+        seen_by=part.seen_by,
         name=part.object.name,
     )

@@ -13,6 +13,7 @@ from mathutils import Matrix
 from numpy.testing import assert_allclose, assert_array_equal
 
 from addon.extract import Extraction, extract_scene
+from raytracer.scene import SEEN_BY, SEEN_BY_ALL
 
 pytestmark = pytest.mark.blender
 
@@ -170,7 +171,7 @@ def test_indices_for_passes(scene_with_camera: Any) -> None:
     assert [material.pass_index for material in scene.materials] == [9]
 
 
-def test_ray_visibility_is_named_or_leaves_out(scene_with_camera: Any) -> None:
+def test_ray_visibility_is_kept_or_leaves_out(scene_with_camera: Any) -> None:
     add_cube(scene_with_camera.collection, "NoCamera").visible_camera = False
     nothing = add_cube(scene_with_camera.collection, "Nothing")
     for kind in ("camera", "diffuse", "glossy", "transmission", "shadow"):
@@ -181,10 +182,8 @@ def test_ray_visibility_is_named_or_leaves_out(scene_with_camera: Any) -> None:
     bpy.context.view_layer.layer_collection.children["Indirect"].indirect_only = True
     extraction = extract()
     assert {key.name for key in extraction.objects} == {"NoCamera", "IndirectOnly"}
-    assert {warning.object: "hidden from camera rays" in warning.text for warning in extraction.warnings} == {
-        "NoCamera": True,
-        "IndirectOnly": True,
-    }
+    assert extraction.scene.instances.seen_by.tolist() == [SEEN_BY_ALL - SEEN_BY["camera"]] * 2
+    assert not extraction.warnings
 
 
 def test_what_has_no_surface_is_named_once_and_left_out(scene_with_camera: Any) -> None:

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import raytracer
 from addon import versions
 from addon.extract import Extraction, extract_scene
+from raytracer.scene import SEEN_BY, SEEN_BY_ALL
 
 pytestmark = pytest.mark.blender
 
@@ -137,9 +138,11 @@ def test_light_that_cannot_be_is_named(
     assert words in warning.text
 
 
-def test_light_hidden_from_some_rays_is_named(add_light: Callable[..., Any]) -> None:
-    add_light("POINT", energy=1).visible_glossy = False
-    assert ["glossy" in warning.text for warning in extract().warnings] == [True]
+def test_light_is_hidden_from_some_rays(add_light: Callable[..., Any]) -> None:
+    light = add_light("POINT", energy=1)
+    assert extract_light().seen_by == SEEN_BY_ALL - SEEN_BY["camera"]
+    light.visible_glossy, light.visible_camera = False, True
+    assert extract_light().seen_by == SEEN_BY_ALL - SEEN_BY["glossy"]
 
 
 def test_nodes_of_a_light_scale_it(add_light: Callable[..., Any]) -> None:
