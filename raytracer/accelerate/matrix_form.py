@@ -26,6 +26,8 @@ from raytracer.rays import Floats
 FLOAT32_ROUNDOFF = 2.0**-24
 # Edge functions held at a time: they stay in the cache.
 BLOCK_VALUES = 1 << 18
+# Candidates offered at a time.
+OFFER_PAIRS = 1 << 14
 # Roundings of a normal and its offset from the frame's, relative to the triangle's extent, generously (gamma(32)).
 NORMAL_ROUNDOFF = 2.0**-48
 # Columns of a plane: unit-sized normal, offset, bound on the error of each.
@@ -50,23 +52,28 @@ class MatrixForm:
     def __call__(self, search: Search) -> None:
         """Offer a search all primitives that its rays may hit."""
         size = max(256, BLOCK_VALUES // max(1, len(self.edges)))
+        rest = [(np.zeros(0, np.intp), np.zeros(0, np.int64))]
         for start in range(0, len(search.rays), size):
-            ray = np.arange(start, min(start + size, len(search.rays)))
+            block = slice(start, min(start + size, len(search.rays)))
             if len(self.edges):
-                self._offer_triangles(search, ray)
+                rest.append(self._find_candidates(search, block))
             if len(self.sphere_ids):
-                search.offer(np.repeat(ray, len(self.sphere_ids)), np.tile(self.sphere_ids, len(ray)))
+                ray = np.arange(block.start, block.stop)
+                rest.append((np.repeat(ray, len(self.sphere_ids)), np.tile(self.sphere_ids, len(ray))))
+        # Together: a call costs more than the few candidates of a block.
+        ray, primitive_id = (np.concatenate(column) for column in zip(*rest, strict=True))
+        for start in range(0, len(ray), OFFER_PAIRS):
+            search.offer(ray[start : start + OFFER_PAIRS], primitive_id[start : start + OFFER_PAIRS])
 
-    def _offer_triangles(self, search: Search, ray: NDArray[np.intp]) -> None:
-        block = slice(ray[0], ray[-1] + 1)
+    def _find_candidates(self, search: Search, block: slice) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+        """Settle what is certain among the rays of a block; return the other pairs of ray and triangle."""
         origin = np.ldexp(search.rays.origins[block] - self.frame.centre, self.frame.exponent).T
         direction = search.rays.directions[block].T
         length = np.frexp(np.maximum(np.maximum(*np.abs(direction[:2])), np.abs(direction[2])))[1]
         direction = np.ldexp(direction, -length)
         triangle, lane, inside = self._find_pairs(origin, direction)
         if not search.narrows:
-            search.offer(lane + block.start, triangle)
-            return
+            return lane + block.start, triangle
         t, error = _meet_planes(self.planes.take(triangle, axis=0).T, origin[:, lane], direction[:, lane])
         unit = -(self.frame.exponent + length[lane])
         low, high = np.ldexp(t - error, unit) - UNDERFLOW, np.ldexp(t + error, unit) + UNDERFLOW
@@ -83,7 +90,7 @@ class MatrixForm:
             certain &= alone & (len(self.sphere_ids) == 0)
         search.settle(ray[certain], triangle[certain])
         rest = np.flatnonzero(~certain & (search.best[ray] > -np.inf))
-        search.offer(ray[rest], triangle[rest])
+        return ray[rest], triangle[rest]
 
     def _find_pairs(self, origin: Floats, direction: Floats) -> tuple[NDArray, NDArray, NDArray]:
         """Triangles and rays, by index, whose line may pass inside, and whether it certainly does."""
