@@ -1,10 +1,26 @@
 """The Blender side of the Reference Ray Tracer: a render engine, its panels and a command line.
 
 The package itself imports nothing, so that `python -m addon --help` answers without Blender; `register` brings the
-modules in. Inside the package imports are relative: Blender installs it under a name of its own.
+modules in, and so does the first use of `ray_cast`. Inside the package imports are relative: Blender installs it under
+a name of its own.
 """
 
 import atexit
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .casting import ray_cast
+
+__all__ = ["ray_cast", "register", "unregister"]
+
+
+def __getattr__(name: str) -> Any:
+    """Bring in `ray_cast`, and with it NumPy and the ray tracer, when it is first asked for."""
+    if name == "ray_cast":
+        from .casting import ray_cast
+
+        return ray_cast
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def register() -> None:
@@ -21,8 +37,10 @@ def register() -> None:
 def unregister() -> None:
     """Take out everything that `register` added."""
     from . import engine, panels, properties
+    from .casting import held
 
     atexit.unregister(unregister)
+    held.unregister()
     panels.unregister()
     engine.unregister()
     properties.unregister()

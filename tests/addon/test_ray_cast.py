@@ -1,0 +1,630 @@
+"""addon.ray_cast against Scene.ray_cast: what it sees, what it returns, and what it keeps from call to call.
+
+On the scenes of blend_scenes/ differences are judged by exact arithmetic, as in test_against_ray_cast.py. The small
+scenes here are cast at far from all edges, where both have to say the same.
+"""
+
+from __future__ import annotations
+
+import gc
+import re
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import bmesh
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+
+import addon
+from addon import ray_cast
+from addon.casting import held
+from addon.compare import with_ray_cast
+from addon.compare.aims import aim_rays
+from addon.compare.sides import Answers, Sides, key_of
+from addon.compare.with_ray_cast import compare_sides
+from addon.extract.camera import extract_camera
+from addon.extract.warnings import WarningList
+from raytracer.camera import primary_rays
+from tests.addon.test_against_ray_cast import SCENES, assert_blender_agrees, open_scene
+
+pytestmark = pytest.mark.blender
+
+ROOT = Path(__file__).parents[2]
+DOWN = (0.0, 0.0, -1.0)
+# Numbers below 32 through a few dozen operations of float32.
+TOLERANCE = 64 * 32 * 2.0**-24
+RAY_VISIBILITY = ("camera", "diffuse", "glossy", "transmission", "shadow")
+
+
+@pytest.fixture(autouse=True)
+def _forget():
+    held.forget()
+    yield
+    held.unregister()
+
+
+def find_depsgraph() -> Any:
+    return bpy.context.evaluated_depsgraph_get()
+
+
+def make_quad(size=1.0, z=0.0, copies=1):
+    """Return a mesh of squares in the plane z and, for copies, in planes 0.1 below each other."""
+    corners = [(x, y, z - k / 10) for k in range(copies) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    mesh = bpy.data.meshes.new("Quad")
+    mesh.from_pydata(corners, [], [tuple(range(4 * k, 4 * k + 4)) for k in range(copies)])
+    mesh.transform(Matrix.Diagonal((size, size, 1, 1)))
+    return mesh
+
+
+def link(name, data, location=(0, 0, 0), collection=None):
+    """Return a new object of the scene, or of a collection."""
+    thing = bpy.data.objects.new(name, data)
+    thing.location = location
+    (collection or bpy.context.scene.collection).objects.link(thing)
+    return thing
+
+
+def aim_down(x=3.5, count=12):
+    """Return rays from z = 9 on a grid that meets no edge or diagonal of the scenes below."""
+    xs, ys = np.meshgrid(np.linspace(-x, x, count) + 0.013, np.linspace(-x, x, count) + 0.037)
+    origins = np.stack([xs.ravel(), ys.ravel(), np.full(xs.size, 9.0)], axis=1)
+    return origins.astype(np.float32).astype(float), np.tile(DOWN, (xs.size, 1))
+
+
+def assert_same_as_blender(origins=None, directions=None, depsgraph=None, **options):
+    """Assert that each ray gets what Scene.ray_cast returns; return the cast.
+
+    Blender is asked first: reading a mesh in edit mode converts it, and since 5.0 its own rays then see hidden faces.
+    """
+    if origins is None:
+        origins, directions = aim_down()
+    depsgraph = depsgraph or find_depsgraph()
+    one_by_one = partial(bpy.context.scene.ray_cast, depsgraph, **options)
+    expected = [one_by_one(*ray) for ray in zip(origins, directions, strict=True)]
+    cast = ray_cast(depsgraph, origins, directions, **options)
+    for ray, (result, location, normal, index, shown, matrix) in enumerate(expected):
+        assert cast.result[ray] == result
+        assert (cast.objects[cast.object[ray]] if result else None) == shown
+        assert cast.index[ray] == (index if result else -1)
+        np.testing.assert_array_equal(cast.matrix[ray], np.array(matrix, dtype=float))
+        np.testing.assert_allclose(cast.location[ray], location, rtol=0, atol=TOLERANCE)
+        assert_same_normal(cast.normal[ray], np.array(normal), cast.matrix[ray, :3, :3])
+    return cast
+
+
+def assert_same_normal(ours, blender, linear):
+    """Ours is M^-T n of the object's normal n; Blender's is M n before 5.2, which is none under non-uniform scale."""
+    turned = linear @ linear.T @ ours
+    if np.abs(ours - blender).max() > TOLERANCE and bpy.app.version < (5, 2):
+        ours = turned / np.linalg.norm(turned)
+    np.testing.assert_allclose(ours, blender, rtol=0, atol=TOLERANCE)
+
+
+# Scenes of blend_scenes/ --------------------------------------------------------------------------------------------
+
+
+def make_sides(scene, depsgraph):
+    """Return both sides of a comparison; ours has the placements that `ray_cast` answers with."""
+    kept, originals = held.find_held(depsgraph)
+    keys = [key_of(shown.name_full, row) for shown, row in zip(originals, kept.world_from_object, strict=True)]
+    target_of_key = {key: number for number, key in reversed(list(enumerate(keys)))}
+    return Sides(
+        caster=kept.caster,
+        ray_cast=partial(scene.ray_cast, depsgraph),
+        target_of_instance=np.array([target_of_key[key] for key in keys], dtype=np.int64),
+        target_of_key=target_of_key,
+        polygons=tuple(shape.polygons for shape in dict.fromkeys(kept.shape_of_placement)),
+    )
+
+
+def answer_with_arrays(depsgraph, sides, rays):
+    """Return what `ray_cast` says, as one side of a comparison."""
+    cast = ray_cast(depsgraph, rays.origins, rays.directions)
+    target = np.full(len(cast), -1, dtype=np.int64)
+    for ray in np.flatnonzero(cast.result):
+        target[ray] = sides.target_of_key[key_of(cast.objects[cast.object[ray]].name_full, cast.matrix[ray])]
+    missed = ~cast.result[:, None]
+    location, normal = (np.where(missed, np.nan, values) for values in (cast.location, cast.normal))
+    hits = sides.caster.closest_hit(rays.origins, rays.directions)
+    return Answers(target, cast.index.astype(np.int64), location, normal, 0.0), hits
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_arrays_say_what_scene_ray_cast_says(path, monkeypatch, record_property):
+    scene, depsgraph = open_scene(path)
+    sides = make_sides(scene, depsgraph)
+    monkeypatch.setattr(with_ray_cast, "cast_ours", partial(answer_with_arrays, depsgraph))
+    rays = aim_rays(sides.caster.geometry, extract_camera(depsgraph.scene_eval, WarningList()), 32, 18, 200, seed=3)
+    comparison = compare_sides(sides, rays)
+    for name, number in comparison.summarise().items():
+        record_property(name, number)
+    assert_blender_agrees(comparison, sides)
+
+
+# What Scene.ray_cast sees -------------------------------------------------------------------------------------------
+
+
+def hide_face_in_edit_mode(thing):
+    bpy.context.view_layer.objects.active = thing
+    bpy.ops.object.mode_set(mode="EDIT")
+    faces = bmesh.from_edit_mesh(thing.data)
+    faces.faces.ensure_lookup_table()
+    faces.faces[0].hide_set(True)
+    bmesh.update_edit_mesh(thing.data)
+
+
+def hide_layer_collection(name):
+    def hide(thing):
+        collection = bpy.data.collections.new("Layer")
+        bpy.context.scene.collection.children.link(collection)
+        bpy.context.scene.collection.objects.unlink(thing)
+        collection.objects.link(thing)
+        setattr(bpy.context.view_layer.layer_collection.children[0], name, True)
+
+    return hide
+
+
+def set_values(**values):
+    def change(thing):
+        for name, value in values.items():
+            setattr(thing, name, value)
+
+    return change
+
+
+CHANGES = {
+    "nothing": lambda thing: None,
+    "shown as wire": set_values(display_type="WIRE"),
+    "shown as bounds": set_values(display_type="BOUNDS"),
+    "hidden from all rays": set_values(**{f"visible_{kind}": False for kind in RAY_VISIBILITY}),
+    "hidden in renders": set_values(hide_render=True),
+    "hidden in viewports": set_values(hide_viewport=True),
+    "hidden by its eye": lambda thing: thing.hide_set(True),
+    "not selectable": set_values(hide_select=True),
+    "mirrored": set_values(scale=(2, 3, -1)),
+    "sheared": set_values(rotation_euler=(0.4, 0.3, 0.2), scale=(1, 3, 0.5)),
+    "in an excluded collection": hide_layer_collection("exclude"),
+    "in a hidden collection": hide_layer_collection("hide_viewport"),
+    "in an indirect collection": hide_layer_collection("indirect_only"),
+    "hidden faces": lambda thing: thing.data.polygons.foreach_set("hide", [True] * 4),
+    "being edited": lambda thing: (
+        setattr(bpy.context.view_layer.objects, "active", thing),
+        bpy.ops.object.mode_set(mode="EDIT"),
+    ),
+    "being edited, a face hidden": hide_face_in_edit_mode,
+    "subdivided": lambda thing: thing.modifiers.new("Subdivision", "SUBSURF"),
+    "a NaN in it": lambda thing: setattr(thing.data.vertices[0], "co", (float("nan"), 0, 0)),
+}
+if "hide_surface_pick" in bpy.types.Object.bl_rna.properties:  # since Blender 5.0
+    CHANGES["not to be picked"] = set_values(hide_surface_pick=True)
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_object_is_seen_as_scene_ray_cast_sees_it(empty_scene, change):
+    link("Below", make_quad(3), (0.2, 0.1, -2))
+    thing = link("Thing", make_quad(1.5, copies=4))
+    thing.data.transform(Matrix.Rotation(0.1, 4, "X"))
+    find_depsgraph()
+    CHANGES[change](thing)
+    try:
+        cast = assert_same_as_blender()
+    finally:
+        if bpy.context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+    assert cast.result.any()
+
+
+def test_object_without_height_is_hit(empty_scene):
+    """Its matrix has no inverse, so Blender passes it; in the world it is a triangle like others."""
+    bpy.ops.mesh.primitive_cube_add(scale=(1, 1, 0))
+    cast = ray_cast(find_depsgraph(), (0.1, 0.3, 5.0), DOWN)
+    assert cast.result.all()
+    np.testing.assert_array_equal(cast.location, [(0.1, 0.3, 0.0)])
+    np.testing.assert_array_equal(np.abs(cast.normal), [(0.0, 0.0, 1.0)])
+
+
+def make_collection_instance(**values):
+    collection = bpy.data.collections.new("Instanced")
+    source = link("Source", make_quad(), collection=collection)
+    for location in ((2, 0, 0), (-2, 1, 0.5)):
+        empty = link("Empty", None, location)
+        empty.instance_type, empty.instance_collection = "COLLECTION", collection
+    set_values(**values)(source)
+
+
+def make_vertex_instances(kind, **values):
+    parent, child = link("Parent", make_quad(3, z=-1)), link("Child", make_quad(0.7), (0.1, 0.2, 1))
+    child.parent, parent.instance_type = parent, kind
+    set_values(**values)(parent)
+
+
+def make_geometry_nodes():
+    """Cubes at the vertices of a quad, and the quad itself."""
+    tree = bpy.data.node_groups.new("Cubes", "GeometryNodeTree")
+    for direction in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "GeometryNodeInstanceOnPoints", "GeometryNodeMeshCube", "GeometryNodeJoinGeometry")
+    given, place, cube, join = (tree.nodes.new(kind) for kind in kinds)
+    made = tree.nodes.new("NodeGroupOutput")
+    for source, target in ((given, place.inputs["Points"]), (cube, place.inputs["Instance"]), (place, join.inputs[0])):
+        tree.links.new(source.outputs[0], target)
+    tree.links.new(given.outputs[0], join.inputs[0])
+    tree.links.new(join.outputs[0], made.inputs[0])
+    link("Nodes", make_quad(2)).modifiers.new("Cubes", "NODES").node_group = tree
+
+
+def make_background_scene():
+    other = bpy.data.scenes.new("Background")
+    other.collection.objects.link(bpy.data.objects.new("Behind", make_quad()))
+    bpy.context.scene.background_set = other
+    link("Front", make_quad(0.5))
+
+
+def make_coinciding():
+    for name in "ABC":
+        link(name, make_quad())
+    make_collection_instance()
+
+
+INSTANCES = {
+    "collection": make_collection_instance,
+    "collection, its source not in renders": partial(make_collection_instance, hide_render=True),
+    "collection, its source not in viewports": partial(make_collection_instance, hide_viewport=True),
+    "vertices": partial(make_vertex_instances, "VERTS"),
+    "vertices, instancer not shown": partial(make_vertex_instances, "VERTS", show_instancer_for_viewport=False),
+    "faces": partial(make_vertex_instances, "FACES"),
+    "geometry nodes": make_geometry_nodes,
+    "background scene": make_background_scene,
+    "objects that coincide": make_coinciding,
+}
+
+
+@pytest.mark.parametrize("name", INSTANCES)
+def test_instances_are_seen_as_scene_ray_cast_sees_them(empty_scene, name):
+    INSTANCES[name]()
+    cast = assert_same_as_blender()
+    assert cast.result.any() == (name != "collection, its source not in viewports")
+
+
+ADD = {
+    "FONT": lambda: bpy.ops.object.text_add(),
+    "CURVE": lambda: bpy.ops.curve.primitive_bezier_circle_add(radius=2),
+    "SURFACE": lambda: bpy.ops.surface.primitive_nurbs_surface_sphere_add(radius=2),
+    "META": lambda: bpy.ops.object.metaball_add(radius=2),
+}
+
+
+@pytest.mark.parametrize("kind", ADD)
+def test_what_becomes_a_mesh_is_seen(empty_scene, kind):
+    """Blender 4.2 passes text, curves and surfaces that stand for themselves; ours sees them in every version."""
+    ADD[kind]()
+    thing = bpy.context.object
+    if kind == "FONT":
+        thing.data.size = 8
+    if kind == "CURVE":
+        thing.data.dimensions, thing.data.fill_mode = "2D", "BOTH"
+    if bpy.app.version >= (5, 0) or kind == "META":
+        cast = assert_same_as_blender()
+    else:
+        cast = ray_cast(find_depsgraph(), *aim_down())
+    assert cast.objects == (thing,)
+    assert cast.result.any()
+
+
+def test_hair_and_point_clouds_are_passed(empty_scene):
+    path = next(path for path in SCENES if path.stem == "spheres_point_cloud")
+    _, depsgraph = open_scene(path)
+    clouds = [item.object.name for item in depsgraph.object_instances if item.object.type == "POINTCLOUD"]
+    assert clouds
+    link("Hair", bpy.data.hair_curves.new("Hair"))
+    cast = ray_cast(find_depsgraph(), *aim_down())
+    assert not {thing.name for thing in cast.objects} & {*clouds, "Hair"}
+
+
+def test_state_is_that_of_the_depsgraph_visibility_that_of_now(empty_scene):
+    """As Scene.ray_cast has it: where things stand is evaluated, whether they are hidden is asked."""
+    one, other = link("One", make_quad()), link("Other", make_quad(z=-1))
+    depsgraph = find_depsgraph()
+    one.location.z = 2
+    assert_same_as_blender(depsgraph=depsgraph)
+    other.hide_set(True)
+    assert_same_as_blender(depsgraph=depsgraph)
+    one.hide_set(True)
+    assert not assert_same_as_blender(depsgraph=depsgraph).result.any()
+    depsgraph.update()
+    one.hide_set(False)
+    assert_same_as_blender()
+
+
+# Rays ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("distance", [0.0, -1.0, 4.0, 4.999, 5.0, 5.001, np.inf])
+@pytest.mark.parametrize("length", [1.0, 3.0, 0.25])
+def test_distance_is_in_metres_and_its_end_is_out(empty_scene, distance, length):
+    link("Thing", make_quad())
+    assert_same_as_blender(np.array([[0.1, 0.2, 5.0]]), np.array([[0.0, 0.0, -length]]), distance=distance)
+
+
+def test_distance_may_differ_from_ray_to_ray(empty_scene):
+    link("Thing", make_quad())
+    cast = ray_cast(find_depsgraph(), (0.1, 0.2, 5.0), np.tile(DOWN, (4, 1)), distance=[4.0, 5.0, 6.0, np.nan])
+    np.testing.assert_array_equal(cast.result, [False, False, True, False])
+
+
+@pytest.mark.parametrize("length", [1e-300, 1e-20, 1e300])
+def test_direction_of_any_length_is_as_good(empty_scene, length):
+    link("Thing", make_quad())
+    depsgraph = find_depsgraph()
+    for distance, expected in ((4.99, False), (5.01, True), (np.inf, True)):
+        cast = ray_cast(depsgraph, (0.1, 0.2, 5.0), (0.0, 0.0, -length), distance)
+        assert cast.result.tolist() == [expected]
+    np.testing.assert_allclose(cast.location, [(0.1, 0.2, 0.0)], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("origin", "direction"),
+    [
+        ((0.1, 0.2, -5.0), (0, 0, 1)),
+        ((0.1, 0.2, 0.0), DOWN),
+        ((0.1, 0.2, 5.0), (0, 0, 0)),
+        ((0.1, 0.2, 5.0), (np.nan, 0, -1)),
+        ((np.nan, 0.2, 5.0), DOWN),
+        ((0.1, 0.2, np.inf), DOWN),
+    ],
+    ids=["from behind", "on the surface", "no direction", "NaN direction", "NaN origin", "infinite origin"],
+)
+def test_unusual_rays_get_what_blender_says(empty_scene, origin, direction):
+    link("Thing", make_quad())
+    assert_same_as_blender(np.array([origin]), np.array([direction], dtype=float))
+
+
+def test_scene_without_meshes_is_missed(empty_scene):
+    cast = assert_same_as_blender()
+    assert cast.objects == ()
+    assert not cast.result.any()
+
+
+def test_no_rays_give_no_results(empty_scene):
+    link("Thing", make_quad())
+    cast = ray_cast(find_depsgraph(), np.zeros((0, 3)), np.zeros((0, 3)))
+    assert len(cast) == 0
+    assert cast.matrix.shape == (0, 4, 4)
+
+
+def test_normals_are_the_same_measured_once_or_for_each_hit(empty_scene, monkeypatch):
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=2, scale=(1, -1, 0.5))
+    many = assert_same_as_blender()
+    monkeypatch.setattr(addon.casting, "SHARED_TRIANGLES", 0)
+    np.testing.assert_array_equal(ray_cast(find_depsgraph(), *aim_down()).normal, many.normal)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.zeros((2, 2)), DOWN), r"^origins: expected shape \(n, 3\) float64, got \(2, 2\)$"),
+        ((DOWN, "down"), r"^directions: expected an array \(n, 3\) float64, got .*$"),
+        ((np.zeros((2, 3)), np.ones((3, 3))), r"^directions: expected as many rows as origins, 2, got 3$"),
+        ((DOWN, DOWN, "far"), r"^distance: expected an array \(\) float64, got str$"),
+        ((DOWN, DOWN, [1.0, 2.0]), r"^distance: expected a number or an array \(1,\), got shape \(2,\)$"),
+        ((DOWN, DOWN, 1j), r"^distance: expected an array \(\) float64, got complex$"),
+    ],
+)
+def test_bad_input_is_named_in_one_sentence(empty_scene, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        ray_cast(find_depsgraph(), *arguments)
+
+
+def test_context_for_a_depsgraph_is_named(empty_scene):
+    with pytest.raises(ValueError, match=r"^depsgraph: expected a bpy\.types\.Depsgraph, got Context$"):
+        ray_cast(bpy.context, DOWN, DOWN)
+
+
+# What is kept -------------------------------------------------------------------------------------------------------
+
+
+def kept():
+    """Return what is held after one more call."""
+    assert_same_as_blender()
+    return next(reversed(held._held.values()))
+
+
+def test_nothing_is_built_again_where_nothing_changed(empty_scene):
+    bpy.ops.mesh.primitive_monkey_add()
+    first = kept()
+    bpy.context.object.select_set(False)
+    bpy.context.view_layer.update()
+    assert kept() is first
+
+
+def test_only_what_changed_is_read_again(empty_scene):
+    quad, other = link("Quad", make_quad()), link("Other", make_quad(2), (0, 0, -1))
+    first = kept()
+    quad.location.z = 1
+    second = kept()
+    assert second.shapes == first.shapes
+    assert second.caster is not first.caster
+    other.data.vertices[0].co.z = 0.5
+    other.data.update()
+    third = kept()
+    key = quad.session_uid, 0
+    assert third.shapes[key] is first.shapes[key]
+    assert third.shapes[other.session_uid, 0] is not first.shapes[other.session_uid, 0]
+
+
+def change_topology(thing):
+    """Divide the same square, of the same vertices, otherwise."""
+    corners = [tuple(vertex.co) for vertex in thing.data.vertices]
+    thing.data.clear_geometry()
+    thing.data.from_pydata(corners, [], [(0, 1, 2), (0, 2, 3)])
+
+
+EDITS = {
+    "moved": lambda thing: setattr(thing, "location", (0, 0, 1)),
+    "divided otherwise": change_topology,
+    "given other data": lambda thing: setattr(thing, "data", make_quad(2)),
+    "modified": lambda thing: thing.modifiers.new("Solid", "SOLIDIFY"),
+    "deleted": lambda thing: bpy.data.objects.remove(thing),
+    "its data deleted": lambda thing: bpy.data.meshes.remove(thing.data),
+    "hidden": lambda thing: thing.hide_set(True),
+    "replaced by one of its name": lambda thing: (bpy.data.objects.remove(thing), link("Thing", make_quad(0.3))),
+    "doubled": lambda thing: link("Double", thing.data, (0, 0, 2)),
+    "renamed": lambda thing: setattr(thing, "name", "Another"),
+}
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_every_edit_is_noticed(empty_scene, edit):
+    link("Below", make_quad(3), (0.2, 0.1, -2))
+    thing = link("Thing", make_quad())
+    assert_same_as_blender()
+    EDITS[edit](thing)
+    assert_same_as_blender()
+
+
+def test_animation_is_followed(empty_scene):
+    thing = link("Thing", make_quad())
+    for frame in (1, 11):
+        thing.location.z = frame / 4
+        thing.keyframe_insert("location", frame=frame)
+    for frame in (1, 6, 11, 1):
+        empty_scene.frame_set(frame)
+        assert_same_as_blender()
+
+
+def test_undo_and_redo_are_followed(empty_scene):
+    link("Below", make_quad(3), (0.2, 0.1, -2))
+    bpy.ops.ed.undo_push(message="one")
+    link("Thing", make_quad())
+    bpy.ops.ed.undo_push(message="two")
+    assert "Thing" in {thing.name for thing in assert_same_as_blender().objects}
+    bpy.ops.ed.undo()
+    assert "Thing" not in bpy.data.objects
+    assert "Thing" not in {thing.name for thing in assert_same_as_blender().objects}
+    bpy.ops.ed.redo()
+    assert "Thing" in {thing.name for thing in assert_same_as_blender().objects}
+
+
+def test_new_file_lets_go_of_the_last_one(empty_scene, tmp_path):
+    link("Thing", make_quad())
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "quad.blend"))
+    assert_same_as_blender()
+    assert held._held
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "quad.blend"))
+    assert not held._held
+    assert_same_as_blender()
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    assert not held._held
+
+
+def test_only_the_views_used_last_are_kept(empty_scene):
+    link("Thing", make_quad())
+    layers = [bpy.context.view_layer, *(empty_scene.view_layers.new(f"Layer {k}") for k in range(held.MOST_HELD))]
+    for layer in layers:
+        layer.update()
+        assert ray_cast(layer.depsgraph, *aim_down()).result.any()
+    assert [view[1] for view in held._held] == [layer.name for layer in layers[1:]]
+
+
+def test_nothing_of_blender_is_kept(empty_scene):
+    """Walk through all that is reachable from what is held."""
+    make_collection_instance()
+    cast = assert_same_as_blender()
+    pending, seen = [held._held], set()
+    while pending:
+        item = pending.pop()
+        if id(item) not in seen and not isinstance(item, type) and not callable(item):
+            seen.add(id(item))
+            assert not isinstance(item, bpy.types.bpy_struct | bpy.types.bpy_prop_collection), item
+            pending += gc.get_referents(item)
+    assert len(seen) > 10
+    assert cast.objects
+
+
+def test_unregister_leaves_no_handler(empty_scene):
+    before = list(bpy.app.handlers.load_post)
+    link("Thing", make_quad())
+    for _ in range(3):
+        assert_same_as_blender()
+    assert bpy.app.handlers.load_post == [*before, held.forget]
+    addon.register()
+    addon.unregister()
+    assert bpy.app.handlers.load_post == before
+    assert not held._held
+
+
+def test_package_brings_in_nothing_until_asked():
+    code = """
+import sys, addon
+assert not {"numpy", "bpy", "raytracer"} & set(sys.modules)
+import addon.casting
+from addon import ray_cast
+assert ray_cast is addon.casting.ray_cast is addon.ray_cast
+try:
+    addon.no_such_thing
+except AttributeError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stdout.splitlines()[-1] == "module 'addon' has no attribute 'no_such_thing'", done.stderr
+
+
+# The README's examples ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def examples():
+    """Return the README's examples, run in order on the still life with its object of most vertices active."""
+    section = (ROOT / "README.md").read_text().split("## Many rays at once\n")[1].split("\n## ")[0]
+    bpy.ops.wm.open_mainfile(filepath=str(ROOT / "blend_scenes" / "still_life.blend"), load_ui=False)
+    meshes = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
+    bpy.context.view_layer.objects.active = max(meshes, key=lambda thing: len(thing.data.vertices))
+    names: dict[str, Any] = {}
+    blocks = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    assert len(blocks) == 3
+    return names, blocks
+
+
+def test_readme_scans_the_scene(examples):
+    names, blocks = examples
+    exec(blocks[0], names)
+    points, cast = bpy.data.objects["LiDAR"].data, names["cast"]
+    assert len(points.vertices) == cast.result.sum() > 1000
+    np.testing.assert_allclose([tuple(vertex.co) for vertex in points.vertices], cast.location[cast.result], rtol=1e-6)
+
+
+def test_readme_maps_what_the_camera_sees(examples):
+    names, blocks = examples
+    exec("\n".join(blocks[:2]), names)
+    height, width = names["height"], names["width"]
+    camera = extract_camera(names["depsgraph"].scene_eval, WarningList())
+    row, column = np.mgrid[0:height, 0:width] + 0.5
+    rays = primary_rays(camera, width, height, column.ravel(), height - row.ravel())
+    ours = names["grid"].reshape(-1, 3) @ names["camera"][:3, :3].T
+    unit = [value / np.linalg.norm(value, axis=1, keepdims=True) for value in (ours, rays.directions)]
+    np.testing.assert_allclose(*unit, atol=16 * 2.0**-24)  # Blender has the corners of the frame in float32
+    assert names["depth"].shape == names["index"].shape == (height, width)
+    far = np.isinf(names["depth"])
+    np.testing.assert_array_equal(far, names["index"] < 0)
+    along = unit[0] @ -names["camera"][:3, 2]
+    distance = np.linalg.norm(names["cast"].location - names["camera"][:3, 3], axis=1)
+    np.testing.assert_allclose(names["depth"].ravel()[~far.ravel()], (along * distance)[~far.ravel()], rtol=1e-6)
+    assert len({names["names"][number] for number in np.unique(names["index"][~far])}) > 3
+
+
+def test_readme_finds_the_visible_vertices(examples):
+    names, blocks = examples
+    exec("\n".join(blocks), names)
+    visible, depsgraph, scene = names["visible"], names["depsgraph"], bpy.context.scene
+    assert 0 < visible.sum() < len(visible)
+    # Blender by itself, in float32: nothing hides a vertex up to a thousandth before it.
+    eye = names["camera"][:3, 3]
+    reach = np.linalg.norm(names["to_vertex"], axis=1) * 0.999
+    ways = zip(names["to_vertex"], reach, strict=True)
+    hidden = [scene.ray_cast(depsgraph, eye, way, distance=end)[0] for way, end in ways]
+    assert not (visible & hidden).any()
