@@ -487,6 +487,16 @@ def test_every_edit_is_noticed(empty_scene, edit):
     assert_same_as_blender()
 
 
+def test_corners_shared_out_otherwise_are_noticed(empty_scene):
+    """Positions and the corners' vertices stay the same, byte by byte; only which polygon has which differs."""
+    places = [(-3, -3, 0), (3, -3, 0), (3, 3, 0), (-3, 3, 0), (-3, 3, 1), (3, 3, 2), (3, -3, 1)]
+    thing = link("Thing", bpy.data.meshes.new("Seven"))
+    for polygons in ([(0, 1, 2), (3, 4, 5, 6)], [(0, 1, 2, 3), (4, 5, 6)]):
+        thing.data.clear_geometry()
+        thing.data.from_pydata(places, [], polygons)
+        assert_same_as_blender()
+
+
 def test_animation_is_followed(empty_scene):
     thing = link("Thing", make_quad())
     for frame in (1, 11):
