@@ -114,6 +114,11 @@ def set_image_format(settings: Any, file_format: str) -> None:
     settings.file_format = file_format
 
 
+def sky_passes_zenith(version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where the table of a Sky Texture of single scattering reaches past the zenith."""
+    return version < (5, 0)
+
+
 def is_portal(light: Any) -> bool:
     """Return True for an area light that only guides Cycles; the setting is Cycles' own, absent without its add-on."""
     return bool(getattr(getattr(light, "cycles", None), "is_portal", False))

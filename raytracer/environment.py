@@ -159,13 +159,24 @@ def _make_map(environment: Environment) -> DirectionMap | None:
     reduced = replace(environment, program=Program(steps))
     images = [step.settings.get("image") for step in list_steps(reduced.program or Program())]
     widest = max([image.pixels.shape[1] for image in images if isinstance(image, Image)], default=0)
-    width = min(max(widest, SMALLEST_WIDTH), LARGEST_WIDTH)
+    has_sun = any(step.settings.get("sun_size", 0.0) > 0 for step in list_steps(environment.program))
+    width = LARGEST_WIDTH if has_sun else min(max(widest, SMALLEST_WIDTH), LARGEST_WIDTH)
     corners = _evaluate_corners(reduced, width // 2, width)
     corners = np.concatenate([corners, corners[:, :1]], axis=1)
     cells = (corners[1:, 1:] + corners[1:, :-1] + corners[:-1, 1:] + corners[:-1, :-1]) / 4.0
+    if has_sun:
+        cells = _spread_bright(cells)
     lower = np.sin((np.arange(width // 2 + 1) / (width // 2) - 0.5) * np.pi)
     mean = np.average(cells.mean(axis=1), weights=np.diff(lower))
     return make_direction_map(np.maximum(cells - mean, 0.0))
+
+
+def _spread_bright(cells: Floats) -> Floats:
+    """Return for each cell the brightest of itself and its eight neighbours: the border of a disc runs through cells
+    none of whose corners lies in it."""
+    padded = np.pad(np.pad(cells, ((1, 1), (0, 0)), mode="edge"), ((0, 0), (1, 1)), mode="wrap")
+    rows = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
+    return np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
 
 
 def _evaluate_corners(environment: Environment, height: int, width: int) -> Floats:

@@ -16,6 +16,7 @@ from raytracer.nodes.ramps import TABLE_SIZE
 
 from .images import is_associated
 from .nodes import Groups, find_link, find_socket
+from .skies import read_sky_settings
 
 if TYPE_CHECKING:
     from .programs import ProgramBuilder
@@ -152,6 +153,7 @@ READERS: dict[str, Reader] = {
     "TEX_COORD Object": read_object,
     "TEX_IMAGE": read_image_settings,
     "TEX_ENVIRONMENT": read_environment_settings,
+    "TEX_SKY": lambda builder, node, groups, output: read_sky_settings(node),
     "VALTORGB": read_ramp,
     **{f"CURVE_{kind}": read_curves for kind in ("RGB", "VEC", "FLOAT")},
     "NORMAL_MAP": read_normal_map,

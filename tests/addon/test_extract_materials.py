@@ -484,6 +484,7 @@ def test_world_hidden_from_the_camera_is_black_to_it(world_tree: Any) -> None:
 def test_sky_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
     background = add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
     sky = world_tree.nodes.new("ShaderNodeTexSky")
+    sky.sky_type = "PREETHAM"
     world_tree.links.new(sky.outputs[0], background.inputs["Color"])
     assert_array_equal(extract().scene.world.color, (0.25, 0.5, 1))
     (text,) = texts()

@@ -155,6 +155,21 @@ def test_a_world_hidden_from_the_camera_agrees():
     assert_pictures_agree(scene)
 
 
+def test_a_clear_sky_agrees():
+    """The sky of each version's own default, with a sun wide enough for pixels: background, balls and plane."""
+    scene = make_stage()
+
+    def show_sky(tree):
+        sky = tree.nodes.new("ShaderNodeTexSky")
+        sky.sun_size, sky.sun_elevation, sky.sun_rotation = 0.1, 0.6, 2.0
+        background = add_background(tree, sky.outputs[0])
+        tree.nodes[-1].inputs["Strength"].default_value = 0.1
+        return background
+
+    set_world(show_sky)
+    assert_pictures_agree(scene)
+
+
 # Lenses
 
 
