@@ -13,6 +13,7 @@ LARGEST_FILE = 1_500_000  # bytes; a repository keeps every version of a binary 
 HONOURED_SHADERS = {
     *("ShaderNodeBsdfPrincipled", "ShaderNodeBsdfDiffuse", "ShaderNodeBsdfGlass"),
     "ShaderNodeBsdfAnisotropic",  # the Glossy node
+    *("ShaderNodeBsdfSheen", "ShaderNodeMixShader", "ShaderNodeTexNoise", "ShaderNodeValToRGB"),
     *("ShaderNodeEmission", "ShaderNodeOutputMaterial"),
 }
 TRIANGLES_OF_TERRAIN = 2 * 2 * 4**8  # two faces of two triangles, each divided into four, eight times
