@@ -107,6 +107,11 @@ def keeps_coats_flat(version: tuple[int, ...] = VERSION) -> bool:
     return version < (5, 0)
 
 
+def has_simple_coats(version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where rough coats lose light and dim what is under them as smooth ones would: in 4.2, not in 5.0."""
+    return version < (5, 0)
+
+
 def set_image_format(settings: Any, file_format: str) -> None:
     """Set an `ImageFormatSettings.file_format`; since 5.0 its kind of media comes first."""
     if hasattr(settings, "media_type"):

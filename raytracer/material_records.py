@@ -27,7 +27,7 @@ CLOSURE_RANGES = {
     "coat_ior": (1.0, np.inf),
     "anisotropy": (-1.0, 1.0),
     "rotation": (-np.inf, np.inf),
-    **dict.fromkeys(("size", "smooth", "multiscatter"), (0.0, 1.0)),
+    **dict.fromkeys(("size", "smooth", "multiscatter", "simple_coat"), (0.0, 1.0)),
 }
 CLOSURE_KINDS = (
     *("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission"),
@@ -49,6 +49,7 @@ class Closure:
     size, smooth : of toon, as shares of a right angle
     distribution : of facets, one of DISTRIBUTIONS
     multiscatter : share of the light lost between facets that is given back
+    simple_coat : 1 gives no light lost between a coat's facets back, and dims what is under it as a smooth one would
     anisotropy, rotation : how far highlights are stretched along the tangent; which turns, in rounds
     normal, coat_normal : world space, any length, on the side that the ray comes from; None = the surface's
     tangent : world space, any length; None stretches nothing
@@ -78,6 +79,7 @@ class Closure:
     rotation: Any = 0.0
     multiscatter: Any = 1.0
     extinction: Any = 0.0
+    simple_coat: Any = 0.0
     size: Any = 0.5
     smooth: Any = 0.0
     distribution: str = "ggx"

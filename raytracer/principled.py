@@ -25,6 +25,7 @@ from raytracer.microfacet import (
     metal_coefficient,
     metal_mean,
     normal_reflectance,
+    schlick_share,
     transmitted_cosine,
 )
 from raytracer.microfacet_albedo import mean_dielectric_reflectance, read_reflection, read_schlick_share
@@ -103,12 +104,12 @@ def _make_coat(closures: Closures, points: Points, weight: Floats) -> tuple[Micr
     f0 = np.repeat(normal_reflectance(eta)[:, np.newaxis], 3, axis=1)
     mean = np.repeat(mean_dielectric_reflectance(eta)[:, np.newaxis], 3, axis=1)
     facets = Facets(DIELECTRIC, f0, 0.0 * f0, np.ones_like(f0), 0.0 * f0)
-    grain = Grain(some.coat_roughness, np.ones(len(eta)))
+    grain = Grain(some.coat_roughness, 1.0 - some.simple_coat)
     plain = amount * weight[part]
     name = "coat_normal" if "coat_normal" in where.vectors else "normal"
     lobes = make_lobes(some, where, plain, eta, facets, grain, mean, name)
     under = weight.copy()
-    under[part] = _leave_under(weight[part], amount * _layer_albedo(lobes, where, plain, grain))
+    under[part] = _leave_under(weight[part], amount * _layer_albedo(lobes, where, plain, grain, some.simple_coat))
     depth = 1.0 / transmitted_cosine(np.clip(dot(lobes.normal, where.outgoing), 0.0, 1.0), eta)
     tinted = some.coat_tint ** depth[:, np.newaxis]
     under[part] *= np.maximum(1.0 + amount * (tinted - 1.0), 0.0)
@@ -154,13 +155,18 @@ def _make_specular(closures: Closures, points: Points, weight: Floats) -> tuple[
     return lobes, under
 
 
-def _layer_albedo(lobes: Microfacets, points: Points, weight: Floats, grain: Grain) -> Floats:
+def _layer_albedo(
+    lobes: Microfacets, points: Points, weight: Floats, grain: Grain, smooth: Floats | float = 0.0
+) -> Floats:
     """Return what share (k, 3) of its weight a dielectric layer sends on.
+
+    smooth : 1 where its Fresnel reflectance is taken at the normal, not as the mean over facets
 
     The lobes' own weight holds the factor for further bounces, which the mean over facets does not.
     """
     cosine = np.clip(dot(lobes.normal, points.outgoing), 0.0, 1.0)
-    share = read_schlick_share(grain.roughness, cosine, lobes.eta)[:, np.newaxis]
+    rough = read_schlick_share(grain.roughness, cosine, lobes.eta)
+    share = np.where(smooth, schlick_share(cosine, lobes.eta), rough)[:, np.newaxis]
     single = np.ones_like(share)
     rows = np.flatnonzero(~lobes.is_perfect & (grain.multiscatter > 0))
     if len(rows):

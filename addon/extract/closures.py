@@ -163,6 +163,7 @@ def read_layers(inputs: NodeInputs) -> Fields:
             "coat_ior": inputs.limited("Coat IOR", 1.0, LARGEST_IOR),
             "coat_tint": inputs.color("Coat Tint"),
             "coat_normal": inputs.normal("Coat Normal"),
+            "simple_coat": float(versions.has_simple_coats()),
         }
         if fields["coat_normal"] is None and versions.keeps_coats_flat():
             fields["coat_normal"] = np.zeros(3)
