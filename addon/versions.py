@@ -124,6 +124,14 @@ def sky_passes_zenith(version: tuple[int, ...] = VERSION) -> bool:
     return version < (5, 0)
 
 
+def read_light_bounces(light: Any) -> int | None:
+    """Return the bounces after which a light lights nothing, or None without limit; the setting is Cycles' own."""
+    settings = getattr(light, "cycles", None)
+    if settings is None or settings.max_bounces >= settings.bl_rna.properties["max_bounces"].default:
+        return None
+    return int(settings.max_bounces)
+
+
 def is_portal(light: Any) -> bool:
     """Return True for an area light that only guides Cycles; the setting is Cycles' own, absent without its add-on."""
     return bool(getattr(getattr(light, "cycles", None), "is_portal", False))

@@ -35,6 +35,7 @@ from raytracer.atmosphere_data import (
 )
 
 Floats = NDArray[np.float64]
+Numbers = NDArray[np.float64] | np.float64
 
 TABLE_WIDTH, TABLE_HEIGHT = 512, 256
 DEGREES_OF_FREEDOM = 8  # of the quadrature of optical depth
@@ -60,7 +61,7 @@ def exit_sphere(position: Floats, direction: Floats, radius: float) -> Floats:
     return -along + np.sqrt(np.maximum(along**2 - (position**2).sum(axis=-1) + radius**2, 0.0))
 
 
-def place_rays(elevation: Floats, azimuth: Floats) -> Floats:
+def place_rays(elevation: Numbers, azimuth: Numbers) -> Floats:
     """Return unit directions (..., 3) at elevations and azimuths."""
     across = np.cos(elevation)
     parts = (across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation))
@@ -175,7 +176,7 @@ ELSEWHERE = 0.02 * np.array([0.217, 0.347, 0.594, 1.0])
 SMALLEST_EXTINCTION = 1e-7
 
 
-def _measure_coefficients(height: Floats, atmosphere: Atmosphere) -> tuple[Floats, Floats, Floats]:
+def _measure_coefficients(height: Numbers, atmosphere: Atmosphere) -> tuple[Floats, Floats, Floats]:
     """(..., 4) scattering of air and of haze, and the extinction, per kilometre, at heights in kilometres."""
     log = np.log(np.maximum(height, 1e-4))
     air = np.exp(-0.07771971 * height**1.16364243)
@@ -188,7 +189,7 @@ def _measure_coefficients(height: Floats, atmosphere: Atmosphere) -> tuple[Float
     return molecules, haze * AEROSOL_SCATTERING, extinction
 
 
-def _transmit(cosine: Floats, height: Floats, atmosphere: Atmosphere) -> Floats:
+def _transmit(cosine: Numbers, height: Numbers, atmosphere: Atmosphere) -> Floats:
     """(..., 4) the share of sunlight that comes down to a height, under the cosine of the sun's zenith angle."""
     radius = GLOBE + height
     sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))

@@ -39,6 +39,9 @@ def extract_light(
         power = np.maximum(power, 0.0)
     if not power.any():
         return None
+    bounces = versions.read_light_bounces(light)
+    if bounces is not None:
+        place.warn(f"its limit of {bounces} bounces is not supported, it lights all")
     common = {"cast_shadow": light.use_shadow, "name": name}
     make = {"POINT": make_point, "SPOT": make_spot, "SUN": make_sun, "AREA": make_area}[light.type]
     return make(light, world_from_light, power, settings.normalize, common, place)

@@ -89,7 +89,7 @@ def test_stored_scene_misses_nothing(name):
     assert scene.render.engine == "CYCLES"
     assert not bpy.data.libraries
     assert all(font.filepath == "<builtin>" for font in bpy.data.fonts)
-    assert not [image.name for image in bpy.data.images if image.source == "FILE"]
+    assert not [image.name for image in bpy.data.images if image.source == "FILE" and not image.packed_file]
     for thing in scene.objects:
         assert thing.type == "EMPTY" or thing.data is not None, thing.name
         assert all(slot.material for slot in thing.material_slots), thing.name

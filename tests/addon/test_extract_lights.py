@@ -246,6 +246,13 @@ def test_camera_scaled_to_zero_is_refused_by_name(scene_with_camera: Any) -> Non
         extract()
 
 
+def test_limit_of_bounces_of_a_light_is_named(add_light: Callable[..., Any], scene_with_camera: Any) -> None:
+    add_light("POINT", energy=1)
+    add_light("POINT", energy=1).data.cycles.max_bounces = 3
+    (warning,) = extract().warnings
+    assert "limit of 3 bounces" in warning.text
+
+
 def test_panorama_is_named(scene_with_camera: Any) -> None:
     scene_with_camera.camera.data.type = "PANO"
     extraction = extract()
