@@ -277,7 +277,7 @@ def opaque_visibility(caster: Caster, cast: Cast | None = None) -> Visibility:
 def transparent_visibility(cast: Cast, tables: SurfaceTables, materials: MaterialTable, most: int) -> Visibility:
     """Shadow rays that pass through transparent surfaces: (n, 3), the share of light that is left.
 
-    most : straight passages that a path may make, with its shadow ray
+    most : straight passages that a path may make together with its shadow ray
     """
     return partial(_see_through, cast, tables, materials, most)
 

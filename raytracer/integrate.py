@@ -384,8 +384,8 @@ def add_emission(integrator: Integrator, record: Record, paths: Paths, surface: 
 
 
 def find_closed(integrator: Integrator, paths: Paths) -> Booleans:
-    """Return (n,) True for paths that have gone straight once more than they may: they see what shines, and end."""
-    return paths.passages > integrator.settings.transparent_bounces
+    """Return (n,) True for paths that have gone straight as often as they may: they see what shines, and end."""
+    return paths.passages >= max(integrator.settings.transparent_bounces, 1)
 
 
 def weigh_options(integrator: Integrator, paths: Paths, shading: Shading, ended: Booleans) -> Floats:

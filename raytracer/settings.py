@@ -34,7 +34,8 @@ class Settings:
     max_bounces : reflections and transmissions that a ray may go through; straight passages do not count
     diffuse_bounces, glossy_bounces, transmission_bounces : how many of them may be diffuse reflections, other
         reflections, and transmissions; None takes max_bounces
-    transparent_bounces : straight passages that a ray may make
+    transparent_bounces : straight passages of a ray, after the last of which it only sees what shines (0 as 1, as in
+        Cycles), and the most of a ray together with a shadow ray from it
     seed : another seed gives another, independent picture of the same noise
     passes : names from `film.PASSES`
     precision : 'certified', 'float64' or 'float32', see `raytracer.build`
