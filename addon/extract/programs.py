@@ -18,6 +18,7 @@ from raytracer.programs import Program, Register, Step, Value
 from .images import ImageTable
 from .node_settings import is_left_out, read_settings
 from .nodes import Groups, Place, find_group_output, find_link, find_socket, read_number
+from .skies import SKY_TYPES
 
 # Blender's types of sockets, as kinds of values.
 SOCKET_KINDS = {"VALUE": "number", "INT": "number", "BOOLEAN": "number", "VECTOR": "vector", "RGBA": "color"}
@@ -186,6 +187,10 @@ ALIASES = {
 }
 
 
+# Properties that the add-on resolves before the tracer sees them, at the values that it knows.
+RESOLVED: dict[str, dict[str, tuple[str, ...]]] = {"TEX_SKY": {"sky_type": SKY_TYPES}}
+
+
 def find_operation(node: Any, output: str) -> str | None:
     """Return the name of the tracer's operation for an output of a node, or None."""
     variant = node.direction_type if node.type == "TANGENT" else output
@@ -193,5 +198,5 @@ def find_operation(node: Any, output: str) -> str | None:
     found = next((name for name in (ALIASES.get(name, name), node.type) if name in OPERATIONS), None)
     if found is None:
         return None
-    choices = OPERATIONS[found].choices
+    choices = {**OPERATIONS[found].choices, **RESOLVED.get(found, {})}
     return found if all(getattr(node, setting) in values for setting, values in choices.items()) else None

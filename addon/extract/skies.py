@@ -21,6 +21,7 @@ from raytracer.programs import Image
 
 from .. import versions
 
+SKY_TYPES = ("NISHITA", "SINGLE_SCATTERING", "MULTIPLE_SCATTERING")  # the first until 4.5, the others since 5.0
 SMALLEST_SUN = 0.0005  # radians, as in Cycles
 EARTH_RADIUS = 6371e3  # metres, for the dip of the horizon
 

@@ -105,7 +105,6 @@ OPERATIONS = {
         ("image", "elevation", "rotation", "sun_size", "sun_bottom", "sun_top", "horizon", "ground"),
         reads_site=True,
         links={"Vector": "ATTRIBUTE Vector generated"},
-        choices={"sky_type": ("NISHITA", "SINGLE_SCATTERING", "MULTIPLE_SCATTERING")},
     ),
     "TEX_ENVIRONMENT": Operation(
         read_environment,
