@@ -32,7 +32,7 @@ from raytracer.lights import has_extent, sample_light
 from raytracer.materials import MaterialTable, find_transparency
 from raytracer.rays import Floats, Rays, Surface, join_rays
 from raytracer.records import SEEN_BY_ALL
-from raytracer.sampling import PixelSamples, SharedSamples
+from raytracer.sampling import Sampler
 from raytracer.scatter import reflect_light
 from raytracer.scene import Light
 from raytracer.shared_lights import is_near, is_shareable, sample_shared, share_points
@@ -54,16 +54,12 @@ class LitPoints:
     """n points that wait for light.
 
     passages : (n,) int32, straight passages of the paths that led there
-    samples, shared : the points' own sample numbers, and those they share with others (None: nothing)
-    dimension : the first of the numbered dimensions of `samples` to use
     """
 
     surface: Surface
     shading: Shading
     passages: Counts
-    samples: PixelSamples
-    shared: SharedSamples | None
-    dimension: int
+    sampler: Sampler
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -99,13 +95,13 @@ def lamp_source(light: Light, weigh: bool) -> LightSource:
     shareable = is_shareable(light)
 
     def sample(points: LitPoints) -> Aim:
-        shared = points.shared
+        shared = points.sampler.shared
         if shareable and shared is not None:
-            targets = share_points(light, shared, points.dimension).take(shared.key, axis=0)
+            targets = share_points(light, shared, points.sampler.dimension).take(shared.key, axis=0)
             aim = Aim(sample_shared(light, points.surface.position, targets, weigh), shared.key.astype(np.int32))
             _replace_near(light, points, aim)
             return aim
-        pair = points.samples.uniform_pair(points.dimension)
+        pair = points.sampler.uniform_pair()
         return Aim(sample_light(light, points.surface.position, pair), _fill_keys(points, key_of_own))
 
     return LightSource(sample, 2, light.cast_shadow, light.seen_by)
@@ -117,7 +113,7 @@ def _replace_near(light: Light, points: LitPoints, aim: Aim) -> None:
     if not len(rows):
         return
     position = points.surface.position[rows]
-    own = sample_light(light, position, points.samples.select(rows).uniform_pair(points.dimension))
+    own = sample_light(light, position, points.sampler.select(rows).uniform_pair())
     for name in ("direction", "distance", "weight", "density"):
         getattr(aim.light, name)[rows] = getattr(own, name)
     if aim.light.target is not None and aim.light.reach is not None:
@@ -135,14 +131,14 @@ def emitter_source(emitters: Emitters) -> LightSource:
     shareable = not emitters.has_spheres
 
     def sample(points: LitPoints) -> Aim:
-        dimension, shared = points.dimension, points.shared
+        dimension, shared = points.sampler.dimension, points.sampler.shared
         if shareable and shared is not None:
             picked, pair = pick_emitters(emitters, shared.uniform(dimension)), shared.uniform_pair(dimension + 1)
             places = place_on_triangles(emitters, picked, pair).select(shared.key)
             light = aim_at_triangles(places, points.surface)
             vary_radiance(emitters, picked[shared.key], pair[shared.key], points.surface, light)
             return Aim(light, shared.key.astype(np.int32))
-        choice, pair = points.samples.uniform(dimension), points.samples.uniform_pair(dimension + 1)
+        choice, pair = points.sampler.uniform(0), points.sampler.uniform_pair(1)
         return Aim(sample_emitters(emitters, points.surface, choice, pair), _fill_keys(points, ALONE))
 
     return LightSource(sample, 2)
@@ -153,7 +149,7 @@ def world_source(environment: Environment) -> LightSource:
 
     def sample(points: LitPoints) -> Aim:
         normal = points.shading.normal
-        direction = sample_environment(environment, normal, points.samples.uniform_pair(points.dimension))
+        direction = sample_environment(environment, normal, points.sampler.uniform_pair())
         density = environment_density(environment, normal, direction)
         share = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
         weight = share[:, np.newaxis] * find_environment(environment, direction)
@@ -195,10 +191,10 @@ def aim_at_lights(
     throughput : (n, 3) float64, what light from these points counts; 0 leaves a point out
     row : (n,) int64, the points' rows of the batch
     """
-    dimension, aimed = points.dimension, []
+    aimed = []
     for source in sources:
-        aim = source.sample(replace(points, dimension=dimension))
-        dimension += source.dimensions
+        aim = source.sample(points)
+        points = replace(points, sampler=points.sampler.skip(source.dimensions))
         light = reflect_light(points.shading, probabilities, aim.light, source.seen_by) * throughput
         lit = np.flatnonzero((aim.light.density > 0) & (light > 0).any(axis=1))
         rays = _aim(points.surface, aim.light, lit) if source.cast_shadow else None

@@ -18,13 +18,14 @@ import numpy as np
 from raytracer.accelerate import Caster, build
 from raytracer.camera import primary_rays
 from raytracer.film import Film, select_passes
-from raytracer.integrate import Integrator, prepare, trace
+from raytracer.integrate import trace
 from raytracer.pixel_filter import sample_pixel_filter
 from raytracer.rays import Booleans, Floats, Hits
 from raytracer.sampling import PixelSamples
 from raytracer.scene import Camera, Scene
 from raytracer.settings import WORD_LIMIT, Settings, check_integer
 from raytracer.shared_lights import choose_interleaving
+from raytracer.stages import Integrator, prepare
 from raytracer.workers import Workers
 
 # Seconds of work between two signs of progress. (`is_cancelled` is asked at every cast, far more often.)

@@ -107,6 +107,36 @@ class SharedSamples:
         return self.of_sets.uniform_pair(dimension + SHARED_DIMENSION)
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Sampler:
+    """Where n paths take their numbers from.
+
+    own : n PixelSamples
+    shared : what they share with others; None for nothing
+    dimension : the first of the numbered dimensions that are theirs to use; the methods count from there
+    """
+
+    own: PixelSamples
+    shared: SharedSamples | None
+    dimension: int
+
+    def select(self, index: Any) -> Sampler:
+        """Return the sampler of some of the paths: index or boolean array."""
+        return Sampler(self.own.select(index), self.shared and self.shared.select(index), self.dimension)
+
+    def skip(self, dimensions: int) -> Sampler:
+        """Return the sampler that begins so many dimensions later."""
+        return Sampler(self.own, self.shared, self.dimension + dimensions)
+
+    def uniform(self, dimension: int = 0) -> Floats:
+        """Return (n,) float64 in [0, 1), each path its own."""
+        return self.own.uniform(self.dimension + dimension)
+
+    def uniform_pair(self, dimension: int = 0) -> Floats:
+        """Return (n, 2) float64 in [0, 1) x [0, 1), each path its own."""
+        return self.own.uniform_pair(self.dimension + dimension)
+
+
 def share_samples(samples: PixelSamples) -> SharedSamples | None:
     """Return what the pixels of each set share; None where they share nothing."""
     if samples.group is None or not len(samples):

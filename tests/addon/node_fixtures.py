@@ -15,8 +15,9 @@ from addon.compare.rendering import CYCLES, Request, matched_settings, render_ba
 from addon.extract import extract_scene
 from addon.versions import VERSION, find_node_tree
 from raytracer.camera import primary_rays
-from raytracer.integrate import prepare, trace
+from raytracer.integrate import trace
 from raytracer.sampling import PixelSamples
+from raytracer.stages import prepare
 
 CELL = 8  # pixels of a plane, each side
 # Cycles takes the place within the pixel from a table of 1024 steps, whose middle lies so much, in pixels, beside it.

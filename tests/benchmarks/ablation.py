@@ -89,7 +89,7 @@ FEATURES = {
     "passes of every sample": (
         make_scene,
         {"passes": ("Combined", "Normal", "Diffuse Color", "Shadow")},
-        ("integrate.py", "divide_shadow"),
+        ("contributions.py", "divide_shadow"),
     ),
 }
 

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.integrate import prepare, trace
+from raytracer.integrate import trace
 from raytracer.microfacet import dielectric_reflectance
 from raytracer.rays import make_rays
 from raytracer.render import render
 from raytracer.sampling import PixelSamples
 from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
+from raytracer.stages import prepare
 
 SIGMAS = 4.5
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)

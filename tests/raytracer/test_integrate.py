@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer import integrate, scatter
-from raytracer.integrate import prepare, trace
+from raytracer import contributions, scatter
+from raytracer.integrate import trace
 from raytracer.rays import make_rays
 from raytracer.sampling import PixelSamples
 from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
+from raytracer.stages import prepare
+from tests.forbidding import forbid
 
 FLOOR = raytracer.Mesh([[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], [[0, 1, 2], [0, 2, 3]], name="floor")
 GREY = Material((Closure("diffuse", color=0.5),))
@@ -42,14 +44,6 @@ STAGES = {
     "transparent_visibility": Material((Closure("transparent"),)),
     "sample_continuation": Material((Closure("glossy"),)),
 }
-
-
-def forbid(monkeypatch, *names):
-    def fail(*arguments, **keywords):
-        raise AssertionError("a stage was called that the scene does not need")
-
-    for name in names:
-        monkeypatch.setattr(integrate, name, fail)
 
 
 def test_prepare_composes_no_stage_that_the_scene_lacks(monkeypatch):
@@ -186,12 +180,12 @@ def test_rough_reflection_of_a_lamp_is_the_same_by_either_way_of_sampling(monkey
     rough = Material((Closure("glossy", color=1.0, roughness=0.5),))
     scene = raytracer.Scene(meshes=[FLOOR], materials=[rough], lights=[lamp])
     means, errors = [], []
-    original = integrate.power_heuristic
+    original = contributions.power_heuristic
     for light_share in (None, 1.0, 0.0):
         if light_share is not None:
             monkeypatch.setattr(scatter, "power_heuristic", lambda p, q, s=light_share: np.full(np.shape(p), s))
             monkeypatch.setattr(
-                integrate, "power_heuristic", lambda p, q, s=light_share: np.where(np.isinf(p), 1.0, 1.0 - s)
+                contributions, "power_heuristic", lambda p, q, s=light_share: np.where(np.isinf(p), 1.0, 1.0 - s)
             )
         values = see(scene, [-2, 0, 2.0], [1, 0, -1.0], count=20_000)["Combined"][:, 0]
         means.append(values.mean())

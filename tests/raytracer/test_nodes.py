@@ -24,10 +24,11 @@ from raytracer import (
 )
 from raytracer import nodes as nodes_module
 from raytracer.features import derive_features
-from raytracer.integrate import prepare, trace
+from raytracer.integrate import trace
 from raytracer.nodes import OPERATIONS, evaluate, find_needed, fold_step, list_attributes, run_step
 from raytracer.rays import Rays
 from raytracer.sampling import PixelSamples
+from raytracer.stages import prepare
 from tests import meshes
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -385,7 +386,7 @@ def test_constant_materials_evaluate_nothing(monkeypatch):
     def fail(*arguments):
         raise AssertionError("no program shall run")
 
-    for name in ("raytracer.materials.compute_columns", "raytracer.integrate.make_site_tables"):
+    for name in ("raytracer.materials.compute_columns", "raytracer.stages.make_site_tables"):
         monkeypatch.setattr(name, fail)
     scene = Scene([quad(uvs=uvs())], materials=[WHITE], lights=[PointLight((0, 0, 3), 1.0)])
     assert not derive_features(scene).programs

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer import bounces, integrate, scatter
+from raytracer import bounces, contributions, integrate, scatter
 from raytracer.bounces import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
-from raytracer.integrate import prepare, trace
+from raytracer.integrate import trace
 from raytracer.rays import make_rays
 from raytracer.sampling import PixelSamples
 from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
+from raytracer.stages import prepare
+from tests.forbidding import forbid
 
 COUNT = 20_000
 # A mean of COUNT values may be off by so many standard errors: 1 in 16,000 runs of one test, were the seeds not fixed.
@@ -150,7 +152,7 @@ def test_either_way_of_sampling_gives_the_mean_of_their_mixture(light, monkeypat
         if light_share is not None:
             monkeypatch.setattr(scatter, "power_heuristic", lambda p, q, s=light_share: np.full(np.shape(p), s))
             monkeypatch.setattr(
-                integrate, "power_heuristic", lambda p, q, s=light_share: np.where(np.isinf(p), 1.0, 1.0 - s)
+                contributions, "power_heuristic", lambda p, q, s=light_share: np.where(np.isinf(p), 1.0, 1.0 - s)
             )
         seen = look_around(scene, max_bounces=40)[:, 0]
         means.append(seen.mean())
@@ -218,14 +220,6 @@ def test_transparent_passages_have_a_limit_and_the_last_one_sees_what_shines(mos
 
 
 # Only what the scene needs -------------------------------------------------------------------------------------------
-
-
-def forbid(monkeypatch, *names):
-    def fail(*arguments, **keywords):
-        raise AssertionError("a stage was called that the scene does not need")
-
-    for name in names:
-        monkeypatch.setattr(integrate, name, fail)
 
 
 def test_paths_stop_where_no_ray_could_meet_a_light():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.integrate import prepare, trace
+from raytracer.integrate import trace
 from raytracer.lights import evaluate_light, sample_light
 from raytracer.rays import Rays, make_rays
 from raytracer.sampling import PixelSamples, share_samples
@@ -19,6 +19,7 @@ from raytracer.shared_lights import (
     sample_shared,
     share_points,
 )
+from raytracer.stages import prepare
 
 FLOOR = raytracer.Mesh([[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], [[0, 1, 2], [0, 2, 3]])
 SHAPE = {"position": (0.4, -0.3, 3.0), "axis_u": (1.2, 0.1, 0.0), "axis_v": (-0.15, 1.8, 0.3), "power": (40, 30, 20)}

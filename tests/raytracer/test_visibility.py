@@ -5,11 +5,12 @@ import pytest
 
 import raytracer
 from raytracer.bounces import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
-from raytracer.integrate import prepare, trace
+from raytracer.integrate import trace
 from raytracer.rays import make_rays
 from raytracer.sampling import PixelSamples
 from raytracer.scene import SEEN_BY, SEEN_BY_ALL, Closure, Material
 from raytracer.settings import Settings
+from raytracer.stages import prepare
 from raytracer.visibility import classify_rays, make_cast
 
 COUNT = 20_000

@@ -1,0 +1,153 @@
+"""Which stages a scene needs: composed once, from its content and the passes asked for.
+
+What a scene lacks has no stage, no table and costs nothing. Imports everything below `integrate` but the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.accelerate import Caster
+from raytracer.computed import list_scene_attributes
+from raytracer.direct_light import (
+    LightSource,
+    Visibility,
+    emitter_source,
+    lamp_source,
+    opaque_visibility,
+    transparent_visibility,
+    world_source,
+)
+from raytracer.emitters import Emitters, make_emitters
+from raytracer.environment import Environment, make_environment
+from raytracer.features import derive_features
+from raytracer.lights import has_extent
+from raytracer.materials import MaterialTable, find_radiance, make_material_table
+from raytracer.rays import Booleans
+from raytracer.records import SEEN_BY, SEEN_BY_ALL
+from raytracer.scene import Light, Scene
+from raytracer.settings import Settings
+from raytracer.site_tables import make_site_tables
+from raytracer.surface import SurfaceTables, make_surface_tables
+from raytracer.visibility import Cast, make_cast
+
+# Passes that need light; the others are known at the first surface.
+LIGHT_PASSES = frozenset(("Combined", "Diffuse Color", "Emission", "Shadow"))
+# Numbered dimensions of a wave: which way to go on, and where within it; the sources of light follow, and last the
+# chance to be cut short.
+CHOICE, WAY, FIRST_SOURCE = range(3)
+# What programs of materials that ask for the picture's size get where there is none.
+DEFAULT_FRAME = (1000, 1000)
+
+
+@dataclass(frozen=True, eq=False)
+class Integrator:
+    """The stages that a scene and its settings need.
+
+    sources : one for each source of light that surfaces are lit by
+    visible_lamps : lamps that a reflected ray can meet
+    emitters : None where nothing shines
+    background : the world, or None where it is black
+    cast : finds what rays hit of what they see
+    visibility : how shadow rays fare
+    holdout : (instances + groups,) bool, or None where nothing punches holes
+    pass_index : (instances + groups,) int32
+    needs_light : False where all passes are known at the first surface
+    goes_on : True where rays can go on from a surface
+    interreflects : True where diffuse reflection is followed
+    shines : True where a ray that goes on can meet something that shines
+    dimensions : numbered dimensions of a wave
+    """
+
+    cast: Cast
+    settings: Settings
+    tables: SurfaceTables
+    materials: MaterialTable
+    sources: tuple[LightSource, ...]
+    visible_lamps: tuple[Light, ...]
+    emitters: Emitters | None
+    background: Environment | None
+    visibility: Visibility
+    holdout: Booleans | None
+    pass_index: NDArray[np.int32]
+    needs_light: bool
+    goes_on: bool
+    interreflects: bool
+    shines: bool
+    dimensions: int
+
+
+def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, int] = DEFAULT_FRAME) -> Integrator:
+    """Compose the stages that `scene` needs for the passes in `settings`; frame : size of the full picture, pixels."""
+    features = derive_features(scene)
+    needs_light = not LIGHT_PASSES.isdisjoint(settings.passes)
+    tables = make_surface_tables(
+        scene,
+        caster.geometry,
+        features.smooth_normals,
+        uvs=features.uvs and "UV" in settings.passes,
+        barycentric=features.programs,
+        roundoff=caster.roundoff,
+    )
+    sites = make_site_tables(scene, tables, list_scene_attributes(scene), frame) if features.programs else None
+    materials = make_material_table(scene, sites)
+    emitters = None
+    if features.emission and needs_light:
+        emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials))
+    background = None
+    if features.world and needs_light and scene.world is not None:
+        background = make_environment(scene.world, scene.camera, frame)
+    lamps = [light for light in scene.lights if light_is_on(light)] if needs_light else []
+    interreflects = settings.integrator == "path" and features.diffuse and needs_light
+    sources = [lamp_source(light, weigh=features.rough or interreflects) for light in lamps]
+    if emitters is not None and not emitters.is_empty:
+        sources.append(emitter_source(emitters))
+    if background is not None:
+        sources.append(world_source(background))
+    reflects = features.mirrors or interreflects
+    meeting = SEEN_BY_ALL - SEEN_BY["shadow"] if reflects else SEEN_BY["camera"]
+    visible_lamps = tuple(light for light in lamps if has_extent(light) and light.seen_by & meeting)
+    seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
+    cast = make_cast(caster, seen_by)
+    if features.transparency:
+        visibility = transparent_visibility(cast, tables, materials, settings.transparent_bounces)
+    else:
+        visibility = opaque_visibility(caster, None if seen_by is None else cast)
+    return Integrator(
+        cast=cast,
+        settings=settings,
+        tables=tables,
+        materials=materials,
+        sources=tuple(sources),
+        visible_lamps=visible_lamps,
+        emitters=emitters,
+        background=background,
+        visibility=visibility,
+        holdout=_gather_records(scene, "holdout", np.bool_) if features.holdout else None,
+        pass_index=_gather_records(scene, "pass_index", np.int32),
+        needs_light=needs_light,
+        goes_on=features.mirrors or features.transparency or interreflects,
+        interreflects=interreflects,
+        shines=bool(visible_lamps) or emitters is not None or background is not None,
+        dimensions=FIRST_SOURCE + sum(source.dimensions for source in sources) + interreflects,
+    )
+
+
+def light_is_on(light: Light) -> bool:
+    """True where a lamp sends any light."""
+    power = light.strength if hasattr(light, "strength") else light.power
+    return bool(power.max() > 0)
+
+
+def _gather_records(scene: Scene, name: str, dtype: type) -> NDArray[Any]:
+    """Return a property of all instances, then of all groups of spheres."""
+    instances = None if scene.instances is None else getattr(scene.instances, name)
+    if instances is None:
+        default = SEEN_BY_ALL if name == "seen_by" else 0
+        instances = np.full(scene.instance_count, default, dtype)
+    return np.concatenate([instances, np.array([getattr(group, name) for group in scene.spheres], dtype=dtype)])
