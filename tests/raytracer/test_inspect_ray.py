@@ -152,6 +152,17 @@ def test_transparent_pane_dims_light_and_is_passed_and_what_is_behind_it_blocks(
     wall = make_floor(height=4.0)
     blocked = look_at(make_scene(make_floor(), pane, wall, lights=[lamp])).inspect_ray(origin, direction)[1].shadows[0]
     assert (blocked.is_blocked, blocked.blocker) == (True, 2)
+    assert (blocked.origin + blocked.end * blocked.direction)[2] == pytest.approx(
+        4.0, abs=2 * second.hit.position_error + 64 * UNIT
+    )
+
+
+def test_lobes_that_reflect_the_same_way_are_one_ray():
+    glossy = Closure("glossy", color=1.0, roughness=0.0, weight=0.25)
+    scene = Scene(meshes=[make_floor(0)], materials=[Material((glossy, glossy, Closure("diffuse", weight=0.5)))])
+    tree = look_at(scene).inspect_ray([0.0, 0.0, 1.0], [0.5, 0.0, -1.0])
+    assert [ray.kind for ray in tree] == [CAMERA, REFLECTED]
+    np.testing.assert_array_equal(tree[1].weight, [0.5] * 3)
 
 
 def test_emissive_object_and_world_are_sources_by_name():
