@@ -20,28 +20,21 @@ from raytracer.accelerate.geometry import world_corners
 from raytracer.bounces import GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED, find_ended
 from raytracer.camera import primary_rays
 from raytracer.closures import Shading
+from raytracer.contributions import add_background, add_emission, add_lamps, describe_path
 from raytracer.direct_light import LitPoints, ShadowRays, aim_at_lights, cast_shadows
 from raytracer.emitters import pick_emitters
 from raytracer.frames import reflect
-from raytracer.integrate import (
-    Integrator,
-    add_background,
-    add_emission,
-    add_lamps,
-    describe_path,
-    find_closed,
-    light_is_on,
-    prepare,
-)
+from raytracer.integrate import find_closed
 from raytracer.lecture import Region, classify_barycentric, cross, dot, intersect_sphere, intersect_triangle, length
 from raytracer.materials import find_transparency, make_shading
 from raytracer.microfacet import evaluate_fresnel, refract
 from raytracer.paths import Paths, advance, start_paths, start_record
 from raytracer.rays import Floats, Hits, Rays, Surface, make_rays
-from raytracer.sampling import PixelSamples
+from raytracer.sampling import PixelSamples, Sampler
 from raytracer.scatter import Continuation
 from raytracer.scene import Scene
 from raytracer.settings import Settings
+from raytracer.stages import Integrator, light_is_on, prepare
 from raytracer.surface import make_surface, spawn_origin
 from raytracer.traced_rays import CAMERA, EMITTERS, PASSED, REFLECTED, REFRACTED, WORLD, Hit, Shadow, TracedRay
 from raytracer.visibility import classify_rays, classify_shadows
@@ -221,7 +214,7 @@ def measure_tolerance(surface: Surface, a: Floats, b: Floats, c: Floats) -> floa
 def trace_shadows(inspector: Inspector, path: Paths, surface: Surface, shading: Shading) -> Iterator[Shadow]:
     """Yield a shadow ray to each source of light of which the surface sends anything back."""
     integrator = inspector.integrator
-    points = LitPoints(surface, shading, path.passages, MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
+    points = LitPoints(surface, shading, path.passages, Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0))
     # Nothing but light sampling brings this light: no other way to its directions has a probability.
     probabilities = np.zeros((1, 1 + len(shading.lobes)))
     sources = tuple(replace(source, cast_shadow=True) for source in integrator.sources)
