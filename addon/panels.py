@@ -69,7 +69,9 @@ class RAYTRACER_RENDER_PT_sampling(_RenderPanel, bpy.types.Panel):
 
     def draw(self, context: Any) -> None:
         column, settings = _split(self), context.scene.reference_raytracer
-        column.prop(settings, "samples")
+        samples = column.column(align=True)
+        samples.prop(settings, "viewport_samples", text="Samples Viewport")
+        samples.prop(settings, "samples", text="Render")
         column.prop(settings, "seed")
 
 

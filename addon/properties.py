@@ -43,7 +43,7 @@ def _bounce_limit(name: str, counted: str, default: int) -> Any:
 
 
 class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
-    """Settings of one scene; each is the keyword of the same name of `raytracer.render`."""
+    """Settings of one scene; each is the keyword of the same name of `raytracer.render`, but for the viewport's."""
 
     samples: IntProperty(  # type: ignore[valid-type]
         name="Samples",
@@ -51,6 +51,13 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
         default=64,
         min=1,
         soft_max=4096,
+    )
+    viewport_samples: IntProperty(  # type: ignore[valid-type]
+        name="Viewport Samples",
+        description="Light paths per pixel in the viewport; it is refined until there are so many",
+        default=32,
+        min=1,
+        soft_max=1024,
     )
     integrator: EnumProperty(  # type: ignore[valid-type]
         name="Integrator",
