@@ -16,7 +16,7 @@ import bpy
 import raytracer
 from raytracer.workers import WorkerError
 
-from . import statistics
+from . import statistics, viewport
 from .extract import Extraction, extract_scene
 from .output import Border, RenderOutput, read_border
 from .passes import declare_passes, enabled_passes
@@ -71,6 +71,17 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
             traceback.print_exc()
             self._fail(f"internal error, {type(error).__name__}: {error}")
         self.layers_done += 1
+
+    def view_update(self, context: Any, depsgraph: Any) -> None:
+        """Take a change of what a viewport shows (Blender's callback)."""
+        viewport.update(self, context, depsgraph)
+
+    def view_draw(self, context: Any, depsgraph: Any) -> None:
+        """Draw a viewport in Rendered shading (Blender's callback)."""
+        viewport.draw(self, context, depsgraph)
+
+    def __del__(self) -> None:
+        viewport.free(self)
 
     def _fail(self, reason: str) -> None:
         self.failed = True
@@ -208,4 +219,5 @@ def register() -> None:
 def unregister() -> None:
     """Take the engine out of Blender's list and forget the renders of this session."""
     bpy.utils.unregister_class(ReferenceRaytracerEngine)
+    viewport.close_all()
     statistics.forget_all()

@@ -141,13 +141,11 @@ class _Worker:
     """The parent's end of one worker process."""
 
     def __init__(self) -> None:
-        # -P: a file in the working directory must not stand in for a module.
-        command = [sys.executable, "-P", "-c", f"from {__name__} import serve; serve()"]
         self.process = subprocess.Popen(
-            command,
+            make_python_command(f"from {__name__} import serve; serve()"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(_list_import_paths())},
+            env=make_python_environment(),
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
 
@@ -188,6 +186,17 @@ def _wait(future: Future[Any], is_cancelled: Callable[[], bool]) -> bool:
             continue
         return False
     return True
+
+
+def make_python_command(code: str) -> list[str]:
+    """Return the command that runs `code` in a fresh Python; -P: no file in the working directory stands in for a
+    module."""
+    return [sys.executable, "-P", "-c", code]
+
+
+def make_python_environment() -> dict[str, str]:
+    """Return the environment of a fresh Python that finds the same modules and computes in one thread."""
+    return os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(_list_import_paths())}
 
 
 def _list_import_paths() -> list[str]:

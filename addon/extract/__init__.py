@@ -42,7 +42,12 @@ class Extraction:
     warnings: tuple[Warning, ...]
 
 
-def extract_scene(depsgraph: Any, passes: Sequence[str] = ("Combined",), geometry_only: bool = False) -> Extraction:
+def extract_scene(
+    depsgraph: Any,
+    passes: Sequence[str] = ("Combined",),
+    geometry_only: bool = False,
+    space: Any = None,
+) -> Extraction:
     """Return all that a depsgraph shows, in the depsgraph's own mode (render or viewport).
 
     Parameters
@@ -50,6 +55,7 @@ def extract_scene(depsgraph: Any, passes: Sequence[str] = ("Combined",), geometr
     depsgraph : bpy.types.Depsgraph
     passes : the tracer's pass names; UV coordinates are read for the pass "UV" only
     geometry_only : True leaves out camera, lights, world and materials, for casting rays
+    space : bpy.types.SpaceView3D, which may hide objects and has a view of its own: no camera is read; None for renders
 
     Raises
     ------
@@ -58,11 +64,11 @@ def extract_scene(depsgraph: Any, passes: Sequence[str] = ("Combined",), geometr
     """
     warnings = WarningList()
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
-    camera = None if geometry_only else extract_camera(scene, warnings)
+    camera = None if geometry_only or space else extract_camera(scene, warnings)
     materials = None if geometry_only else MaterialTable(warnings)
     meshes = MeshTable("UV" in passes, warnings)
     warn_missing(depsgraph, warnings)
-    placements = walk_instances(depsgraph, Context(view_layer, meshes, materials, warnings))
+    placements = walk_instances(depsgraph, Context(view_layer, meshes, materials, warnings, space))
     placed = place_parts(placements, warnings, materials is not None and materials.read_object_info)
     world = None if geometry_only else extract_world(versions.find_world(scene, view_layer), warnings)
     record = raytracer.Scene(

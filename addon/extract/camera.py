@@ -37,8 +37,19 @@ def extract_camera(scene: Any, warnings: WarningList) -> raytracer.Camera:
     camera = scene.camera
     if camera is None:
         raise ValueError(f"Scene '{scene.name}' has no camera: add one, or set one in the scene's properties")
+    return read_camera(camera, scene.render, warnings)
+
+
+def read_camera(camera: Any, render: Any, warnings: WarningList) -> raytracer.Camera:
+    """Return an evaluated object as camera of pictures with the pixels of `render`, a scene's RenderSettings.
+
+    Raises
+    ------
+    ValueError
+        If its matrix has no inverse.
+    """
     world_from_camera = remove_scale(np.array(camera.matrix_world, dtype=np.float64), camera.name)
-    pixel_aspect = scene.render.pixel_aspect_x / scene.render.pixel_aspect_y
+    pixel_aspect = render.pixel_aspect_x / render.pixel_aspect_y
     if camera.type != "CAMERA":
         return make_object_camera(camera, world_from_camera, pixel_aspect)
     lens = camera.data

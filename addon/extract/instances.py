@@ -79,12 +79,13 @@ class Placements:
 
 @dataclass(frozen=True)
 class Context:
-    """What a Part is made with; `materials` is None where only geometry is wanted."""
+    """What a Part is made with; `materials` is None where only geometry is wanted, `space` the viewport or None."""
 
     view_layer: Any
     meshes: MeshTable
     materials: MaterialTable | None
     warnings: WarningList
+    space: Any = None
     attributes: AttributeTable = field(default_factory=AttributeTable)
 
 
@@ -95,6 +96,8 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
     for instance in depsgraph.object_instances:
         shown, data = instance.object, instance.object.data
         if data is None or not instance.show_self:
+            continue
+        if context.space is not None and not shown.visible_in_viewport_get(context.space):
             continue
         is_instance = instance.is_instance
         source = instance.instance_object if is_instance else shown

@@ -1,0 +1,96 @@
+"""One region in Rendered shading: what it was told to draw last, and what it has so far.
+
+The renderer is a process of its own (`raytracer.live`): Blender only extracts what changed, says where it looks from,
+and looks at pictures when they come. Nothing here draws or needs a window. Imports raytracer and this package.
+"""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+from raytracer.live import Live
+from raytracer.progressive import Picture, Target
+
+from ..extract import extract_scene
+from ..properties import settings_keywords
+from .views import EmptyBorderError, read_view
+
+# The most camera rays traced at a time: a new job waits for as many at most.
+BLOCK_SIZE = 1 << 15
+
+
+class Session:
+    """One region's renderer."""
+
+    def __init__(self) -> None:
+        self._live = Live()
+        self._asked: bytes | None = None
+        self._error = ""
+        self._job_error = ""
+
+    def update(self, depsgraph: Any, space: Any) -> None:
+        """Take the scene as it is now; called after every change."""
+        self._asked = None
+        self._error = ""
+        try:
+            extraction = extract_scene(depsgraph, space=space)
+        except ValueError as error:
+            self._error = str(error)
+            return
+        self._live.set_scene(extraction.scene)
+
+    def look(self, region: Any, region_data: Any, space: Any, scene: Any, pixel_size: int) -> None:
+        """Take the view as it is now; what is being drawn goes on if it is the same. Called at every redraw."""
+        self._job_error = ""
+        try:
+            target = make_target(read_view(region, region_data, space, scene), scene, pixel_size)
+        except ValueError as error:
+            self._job_error = str(error)
+            return
+        except EmptyBorderError:
+            return
+        precision = scene.reference_raytracer.precision.lower()
+        asked = pickle.dumps((target, precision))
+        if asked != self._asked and not self._error:
+            self._asked = asked
+            self._live.draw(target, precision)
+
+    @property
+    def has_news(self) -> bool:
+        """True where there is something to show that `read_picture` has not returned."""
+        return self._live.has_news
+
+    def read_picture(self) -> Picture | None:
+        """Return the newest picture, or None if there is no newer one than last time."""
+        return self._live.read_picture()
+
+    @property
+    def status(self) -> str:
+        """A line for the user."""
+        report = self._live.report
+        error = self._error or self._job_error or (report.error if report else "")
+        if error:
+            return f"Error: {error}"
+        picture = report.picture if report else None
+        return f"Sample {picture.samples}/{picture.total}" if picture else "Starting"
+
+    def close(self) -> None:
+        """End the process."""
+        self._live.close()
+
+
+def make_target(view: Any, scene: Any, pixel_size: int) -> Target:
+    """Return what to draw of a view, by the scene's settings."""
+    settings = settings_keywords(scene)
+    for name in ("samples", "workers", "precision"):  # the viewport has its own, or says them elsewhere
+        del settings[name]
+    return Target(
+        view.camera,
+        view.width,
+        view.height,
+        border=view.border,
+        pixel_size=pixel_size,
+        samples=scene.reference_raytracer.viewport_samples,
+        settings={**settings, "block_size": BLOCK_SIZE},
+    )
