@@ -87,6 +87,10 @@ class RAYTRACER_RENDER_PT_light_paths(_RenderPanel, bpy.types.Panel):
         limits = column.column(heading="Max Bounces", align=True)
         for name in BOUNCE_LIMITS:
             limits.prop(settings, name)
+        clamping = column.column(heading="Clamping", align=True)
+        clamping.prop(settings, "clamp_direct")
+        clamping.prop(settings, "clamp_indirect")
+        column.prop(settings, "filter_glossy")
 
 
 class RAYTRACER_RENDER_PT_film(_RenderPanel, bpy.types.Panel):

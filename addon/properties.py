@@ -21,6 +21,12 @@ BOUNCE_LIMITS = {
     "transmission_bounces": "transmission_bounces",
     "transparent_bounces": "transparent_max_bounces",
 }
+# What trades light for less noise, and what Cycles calls it.
+TAMING = {
+    "clamp_direct": "sample_clamp_direct",
+    "clamp_indirect": "sample_clamp_indirect",
+    "filter_glossy": "blur_glossy",
+}
 PIXEL_FILTERS = (
     ("BLACKMAN_HARRIS", "Blackman-Harris", "Smooth: each sample counts into the pixel it falls near to"),
     ("BOX", "Box", "Sharp: the plain mean over a square; a narrow one gives values at pixel centres"),
@@ -40,6 +46,17 @@ INTEGRATORS = (
 def _bounce_limit(name: str, counted: str, default: int) -> Any:
     """A limit of a path; the defaults are Cycles'."""
     return IntProperty(name=name, description=f"Most {counted}", default=default, min=0, soft_max=64, max=1024)
+
+
+def _light_limit(name: str, which: str, default: float) -> Any:
+    """A limit of one sample's light; the defaults are Cycles'."""
+    return FloatProperty(
+        name=name,
+        description=f"Most that one sample may add of light {which}, which reduces noise; 0 keeps the picture exact",
+        default=default,
+        min=0.0,
+        soft_max=100.0,
+    )
 
 
 class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
@@ -73,6 +90,15 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
     )
     transparent_bounces: _bounce_limit(  # type: ignore[valid-type]
         "Transparent", "straight passages through transparent surfaces, which count as no bounces", 8
+    )
+    clamp_direct: _light_limit("Direct Light", "straight from its source", 0.0)  # type: ignore[valid-type]
+    clamp_indirect: _light_limit("Indirect Light", "that has been reflected before", 10.0)  # type: ignore[valid-type]
+    filter_glossy: FloatProperty(  # type: ignore[valid-type]
+        name="Filter Glossy",
+        description="Blurs reflections that rough ones see, which reduces noise; 0 keeps the picture exact",
+        default=1.0,
+        min=0.0,
+        max=10.0,
     )
     workers: IntProperty(  # type: ignore[valid-type]
         name="Workers",
@@ -126,7 +152,7 @@ def settings_keywords(scene: Any) -> dict[str, Any]:
     return {
         "samples": settings.samples,
         "integrator": settings.integrator.lower(),
-        **{name: getattr(settings, name) for name in BOUNCE_LIMITS},
+        **{name: getattr(settings, name) for name in (*BOUNCE_LIMITS, *TAMING)},
         "workers": settings.workers or count_processors(),
         "precision": settings.precision.lower(),
         "seed": settings.seed,

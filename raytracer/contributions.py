@@ -19,6 +19,7 @@ from raytracer.scatter import power_heuristic
 from raytracer.scene import Light
 from raytracer.sites import LightPath
 from raytracer.stages import Integrator
+from raytracer.taming import clamp_met
 from raytracer.visibility import classify_rays
 
 # Cycles' default: Normal, UV, Depth and so on belong to the first surface at least this opaque.
@@ -39,16 +40,17 @@ def add_background(integrator: Integrator, record: Record, paths: Paths, hits: H
         share = power_heuristic(missed.density, sampled)[:, np.newaxis]
         path = describe_rays(missed, FARTHEST) if integrator.background.program is not None else None
         radiance = find_environment(integrator.background, directions, path)
-        record.add("Combined", missed.row, missed.throughput * share * radiance)
+        light = clamp_met(integrator.settings, missed.bounces, missed.throughput * share * radiance)
+        record.add("Combined", missed.row, light)
 
 
 def add_lamps(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
     """Rays see the lamps that they pass before they hit, if those are for them to see."""
     for lamp in integrator.visible_lamps:
-        add_lamp(lamp, record, paths, hits)
+        add_lamp(integrator, lamp, record, paths, hits)
 
 
-def add_lamp(lamp: Light, record: Record, paths: Paths, hits: Hits) -> None:
+def add_lamp(integrator: Integrator, lamp: Light, record: Record, paths: Paths, hits: Hits) -> None:
     """Add what rays see of one lamp; the directions of camera rays may have any length."""
     rows = np.flatnonzero(classify_rays(paths.kind) & lamp.seen_by)
     paths = paths.select(rows)
@@ -57,7 +59,7 @@ def add_lamp(lamp: Light, record: Record, paths: Paths, hits: Hits) -> None:
     reach = paths.travelled + hits.distance[rows] * unit
     passed = (seen.density > 0) & (paths.travelled <= seen.distance) & (seen.distance <= reach)
     share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
-    radiance = paths.throughput * share * seen.radiance
+    radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * seen.radiance)
     record.add("Combined", paths.row, radiance)
     record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
 
@@ -107,7 +109,8 @@ def add_emission(integrator: Integrator, record: Record, paths: Paths, surface: 
         surface.primitive[sampled],
     )
     share[sampled] = power_heuristic(paths.density[sampled], other)
-    radiance = paths.throughput * shading.radiance * share[:, np.newaxis]
+    light = paths.throughput * shading.radiance * share[:, np.newaxis]
+    radiance = clamp_met(integrator.settings, paths.bounces, light)
     record.add("Combined", paths.row, radiance)
     record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
 

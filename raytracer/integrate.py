@@ -38,6 +38,7 @@ from raytracer.sampling import PixelSamples, Sampler, share_samples
 from raytracer.scatter import Continuation, option_probabilities, sample_continuation
 from raytracer.stages import CHOICE, FIRST_SOURCE, WAY, Integrator
 from raytracer.surface import make_surface
+from raytracer.taming import blur_lobes, clamp, find_limits
 from raytracer.visibility import classify_rays
 
 # Paths shaded together; casts take whole waves.
@@ -64,6 +65,8 @@ def trace(integrator: Integrator, rays: Rays, samples: PixelSamples) -> dict[str
         add_lamps(integrator, record, paths, hits)
         met = np.flatnonzero(hits.hit)
         paths, hits = cut_holes(integrator, record, paths.select(met), hits.select(met))
+        if record.limit is not None:
+            record.limit[paths.row] = find_limits(integrator.settings, paths.bounces, aimed=True)
         paths = shade_wave(integrator, record, paths, hits, sampler)
         # Only what the camera sees straight shares points of lights.
         sampler = Sampler(samples, None, sampler.dimension + integrator.dimensions)
@@ -103,6 +106,7 @@ def shade(integrator: Integrator, record: Record, paths: Paths, hits: Hits, samp
     shading = make_shading(integrator.materials, surface, describe_path(integrator, paths, hits))
     describe_surface(integrator, record, paths, hits, surface, shading)
     add_emission(integrator, record, paths, surface, shading)
+    shading = blur_lobes(shading, paths.rarest, integrator.settings.filter_glossy)
     if not integrator.needs_light:
         return Shaded([], pass_straight(integrator, record, paths, hits, surface, shading))
     sampler = sampler.select(paths.row)
@@ -168,6 +172,8 @@ def add_direct_light(integrator: Integrator, record: Record, aimed: list[ShadowR
     """Cast shadow rays and add the light that they let through, of the camera's own rays (`first`) also to Shadow."""
     for rays, share in zip(aimed, cast_shadows(integrator.visibility, aimed), strict=True):
         arriving = rays.light * share
+        if record.limit is not None:
+            arriving = clamp(arriving, record.limit[rays.row])
         record.add("Combined", rays.row, arriving)
         if first and record.unshadowed is not None:
             record.add("Shadow", rays.row, arriving)

@@ -20,6 +20,7 @@ from raytracer.rays import Booleans, Floats, Hits, Rays, Surface, join_rays
 from raytracer.scatter import Continuation
 from raytracer.settings import Settings
 from raytracer.surface import spawn_origin
+from raytracer.taming import is_clamped
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,6 +35,7 @@ class Paths:
     passages : (k,) int32, how often it went straight through a surface
     scatter_origin, scatter_normal : (k, 3) float64, where it was scattered last, which light sampling was done from
     density : (k,) float64, with which it was scattered into this direction; inf where light sampling could not
+    rarest : (k,) float64, the least density of its bounces; inf before the first
     travelled : (k,) float64, metres from scatter_origin to the origin of this stretch
     """
 
@@ -46,6 +48,7 @@ class Paths:
     scatter_origin: Floats
     scatter_normal: Floats
     density: Floats
+    rarest: Floats
     travelled: Floats
 
     def __len__(self) -> int:
@@ -68,6 +71,7 @@ class Paths:
             self.scatter_origin[rows],
             self.scatter_normal[rows],
             self.density[rows],
+            self.rarest[rows],
             self.travelled[rows],
         )
 
@@ -97,6 +101,7 @@ def start_paths(rays: Rays) -> Paths:
         scatter_origin=rays.origins,
         scatter_normal=np.zeros((count, 3)),
         density=np.full(count, np.inf),
+        rarest=np.full(count, np.inf),
         travelled=np.zeros(count),
     )
 
@@ -109,6 +114,7 @@ class Record:
     settled : (n,) bool, True where the surface that Depth, Normal and so on describe is found
     background : (n,) float64, share of the ray that reached a background which is not part of the picture
     unshadowed : (n, 3) float64, direct light if nothing were in the way, or None where the Shadow pass is not asked for
+    limit : (n,) float64, the largest sum of channels that light aimed at by the ray's path may add; None without limits
     """
 
     passes: dict[str, Floats]
@@ -116,6 +122,7 @@ class Record:
     settled: Booleans
     background: Floats
     unshadowed: Floats | None
+    limit: Floats | None
 
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
         """Add (k, 3) to a pass, if it is asked for; each ray at most once a call."""
@@ -134,7 +141,8 @@ def start_record(settings: Settings, rays: Rays) -> Record:
     count = len(rays)
     passes = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in settings.passes}
     unshadowed = np.zeros((count, 3)) if "Shadow" in passes else None
-    return Record(passes, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count), unshadowed)
+    limit = np.full(count, np.inf) if is_clamped(settings) else None
+    return Record(passes, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count), unshadowed, limit)
 
 
 def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: Continuation) -> Paths:
@@ -154,5 +162,6 @@ def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: C
         scatter_origin=np.where(scattered, surface.position, old.scatter_origin),
         scatter_normal=np.where(scattered, shading.normal[alive], old.scatter_normal),
         density=np.where(passes, old.density, way.density[alive]),
+        rarest=np.minimum(old.rarest, way.density[alive]),
         travelled=np.where(passes, old.travelled + stretch, 0.0),
     )

@@ -36,6 +36,10 @@ class Settings:
         reflections, and transmissions; None takes max_bounces
     transparent_bounces : straight passages of a ray, after the last of which it only sees what shines (0 as 1, as in
         Cycles), and the most of a ray together with a shadow ray from it
+    clamp_direct, clamp_indirect : the most that one sample of light may add to a pixel, as the mean of its channels,
+        after no bounce, and after one or more; 0 sets no limit
+    filter_glossy : the density of a bounce below which what follows is blurred; 0 blurs nothing. A picture is exact
+        where all three are 0
     seed : another seed gives another, independent picture of the same noise
     passes : names from `film.PASSES`
     precision : 'certified', 'float64' or 'float32', see `raytracer.build`
@@ -55,6 +59,9 @@ class Settings:
     glossy_bounces: int | None = None
     transmission_bounces: int | None = None
     transparent_bounces: int = 128
+    clamp_direct: float = 0.0
+    clamp_indirect: float = 0.0
+    filter_glossy: float = 0.0
     seed: int = 0
     passes: tuple[str, ...] = ("Combined",)
     precision: str = "certified"
@@ -81,6 +88,8 @@ class Settings:
             ("block_size", 1, None),
         ):
             object.__setattr__(self, name, check_integer(getattr(self, name), low, high, f"Settings: {name}"))
+        for name in ("clamp_direct", "clamp_indirect", "filter_glossy"):
+            object.__setattr__(self, name, _check_number(getattr(self, name), f"Settings: {name}"))
         require_choice(self.integrator, INTEGRATORS, "Settings: integrator")
         require_choice(self.precision, PRECISIONS, "Settings: precision")
         require_choice(self.pixel_filter, tuple(FILTER_WIDTHS), "Settings: pixel_filter")
@@ -118,12 +127,16 @@ def _check_passes(passes: Any) -> tuple[str, ...]:
 def _check_filter_width(width: Any, pixel_filter: str) -> float:
     if width is None:
         return FILTER_WIDTHS[pixel_filter]
+    return _check_number(width, "Settings: filter_width")
+
+
+def _check_number(value: Any, field: str) -> float:
     try:
-        number = float(width)
+        number = float(value)
     except (TypeError, ValueError):
-        raise ValueError(f"Settings: filter_width: expected a number, got {width!r}") from None
+        raise ValueError(f"{field}: expected a number, got {value!r}") from None
     if not 0.0 <= number < float("inf"):
-        raise ValueError(f"Settings: filter_width: expected a finite number of 0 or more, got {number}")
+        raise ValueError(f"{field}: expected a finite number of 0 or more, got {number}")
     return number
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..engine import ENGINE
 from ..passes import PASSES, enable_passes
-from ..properties import BOUNCE_LIMITS
+from ..properties import BOUNCE_LIMITS, TAMING
 from ..versions import blender_pass_name, set_image_format
 from .exr import read_exr
 
@@ -54,9 +54,6 @@ UNBIASED_CYCLES = {
     "sampling_pattern": "SOBOL_BURLEY",
     "auto_scrambling_distance": False,
     "scrambling_distance": 1.0,
-    "sample_clamp_direct": 0.0,
-    "sample_clamp_indirect": 0.0,
-    "blur_glossy": 0.0,
     "light_sampling_threshold": 0.0,
     "caustics_reflective": True,
     "caustics_refractive": True,
@@ -81,6 +78,7 @@ class Request:
     integrator : 'DIRECT' or 'PATH'; Cycles then follows no diffuse bounces, or all
     limits : other limits by their names in `properties.BOUNCE_LIMITS`; what it does not say is `max_bounces`, and as
         many transparent surfaces as no scene has
+    taming : clamping and blurring by their names in `properties.TAMING`; none of what it does not say
     """
 
     width: int
@@ -96,6 +94,7 @@ class Request:
     cycles_factor: int = 1
     integrator: str = "DIRECT"
     limits: Mapping[str, int] = field(default_factory=dict)
+    taming: Mapping[str, float] = field(default_factory=dict)
 
     def list_limits(self) -> dict[str, int]:
         """Return all limits by the names in `properties.BOUNCE_LIMITS`."""
@@ -147,6 +146,7 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
     cycles = {
         **UNBIASED_CYCLES,
         **{name: limits[own] for own, name in BOUNCE_LIMITS.items()},
+        **{name: request.taming.get(own, 0.0) for own, name in TAMING.items()},
         "volume_bounces": 0,
         "samples": request.samples * request.cycles_factor,
         "pixel_filter_type": request.pixel_filter,
@@ -160,6 +160,7 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         "samples": request.samples,
         "integrator": request.integrator,
         **limits,
+        **{name: request.taming.get(name, 0.0) for name in TAMING},
         "workers": 1,
         "pixel_filter": request.pixel_filter,
         "filter_width": request.filter_width,

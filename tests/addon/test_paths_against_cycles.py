@@ -2,7 +2,7 @@
 
 A small room with coloured walls, of diffuse, glossy, and clear surfaces, under an area lamp, seen from its open side.
 Both engines have the same limits. Pictures have to pass the statistical test of `addon.compare.metrics`, pixel by pixel
-by Mitsuba 3's bar, and all whole tiles.
+by Mitsuba 3's bar, and all whole tiles. One case of each kind is quick; all others are marked slow.
 """
 
 import bpy
@@ -50,9 +50,13 @@ def add_ball(material, location=(-0.35, 0.2, 0.5), radius=0.45):
     return building.link_object("Ball", building.make_sphere("Ball", radius, 32), location, materials=[material])
 
 
-def assert_agree(scene, max_bounces=8, **limits):
+def assert_agree(scene, max_bounces=8, taming=None, **limits):
     request = Request(
-        *SIZE, SAMPLES, max_bounces, BATCHES, cycles_factor=CYCLES_FACTOR, integrator="PATH", limits=limits
+        *(*SIZE, SAMPLES, max_bounces, BATCHES),
+        cycles_factor=CYCLES_FACTOR,
+        integrator="PATH",
+        limits=limits,
+        taming=taming or {},
     )
     ours, cycles = (side.passes["Combined"] for side in render_both(scene, bpy.context.view_layer, request))
     assert ours[..., :3].max() > 0
@@ -60,6 +64,11 @@ def assert_agree(scene, max_bounces=8, **limits):
     assert metrics.share_failing_pixels(ours, cycles, summed) <= MITSUBA_BAR
     assert metrics.share_failing_tiles(ours, cycles, summed, size=8) == 0.0
     return ours.mean(axis=(0, 1, 2))
+
+
+def list_cases(names, quick):
+    """Return parameters of which all but some are slow."""
+    return [name if name in quick else pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
 MATERIALS = {
@@ -73,7 +82,7 @@ MATERIALS = {
 }
 
 
-@pytest.mark.parametrize("name", MATERIALS)
+@pytest.mark.parametrize("name", list_cases(MATERIALS, ["principled"]))
 def test_a_ball_in_a_room_agrees(name):
     scene = make_room()
     add_ball(MATERIALS[name]())
@@ -97,7 +106,7 @@ LIMITS = {
 }
 
 
-@pytest.mark.parametrize("name", LIMITS)
+@pytest.mark.parametrize("name", list_cases(LIMITS, ["one glossy bounce", "two passages"]))
 def test_a_limit_of_bounces_agrees(name):
     limits, material = LIMITS[name]
     scene = make_room()
@@ -110,8 +119,11 @@ def test_a_limit_of_bounces_agrees(name):
     assert_agree(scene, **limits)
 
 
-@pytest.mark.parametrize("kind", ["camera", "diffuse", "glossy", "transmission", "shadow"])
-@pytest.mark.parametrize("material", ["principled", "rough glass"])
+KINDS = ["camera", "diffuse", "glossy", "transmission"]
+
+
+@pytest.mark.parametrize("kind", list_cases([*KINDS, "shadow"], ["diffuse"]))
+@pytest.mark.parametrize("material", list_cases(["principled", "rough glass"], ["principled"]))
 def test_a_ball_hidden_from_some_rays_agrees(kind, material):
     scene = make_room()
     add_ball(MATERIALS[material]())
@@ -121,8 +133,8 @@ def test_a_ball_hidden_from_some_rays_agrees(kind, material):
     assert_agree(scene)
 
 
-@pytest.mark.parametrize("kind", ["camera", "diffuse", "glossy", "transmission"])
-@pytest.mark.parametrize("material", ["principled", "rough glass"])
+@pytest.mark.parametrize("kind", list_cases(KINDS, ["transmission"]))
+@pytest.mark.parametrize("material", list_cases(["principled", "rough glass"], ["rough glass"]))
 def test_a_lamp_hidden_from_some_rays_agrees(kind, material):
     """It shows in the picture, and its light is missing where it is hidden."""
     scene = make_room()
@@ -141,7 +153,7 @@ OUTPUTS = (
 )
 
 
-@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("output", list_cases(OUTPUTS, ["Is Glossy Ray"]))
 def test_what_light_path_tells_agrees(output):
     """The walls' colour is a fraction that grows with what the node says."""
     scene = make_room()
@@ -157,3 +169,21 @@ def test_what_light_path_tells_agrees(output):
         tree.links.new(path.outputs[output], share.inputs[0])
         tree.links.new(share.outputs[0], diffuse.inputs["Color"])
     assert_agree(scene, max_bounces=4)
+
+
+@pytest.mark.parametrize("name", list_cases(MATERIALS, ["mirror"]))
+def test_filter_glossy_agrees(name):
+    scene = make_room()
+    add_ball(MATERIALS[name]())
+    assert_agree(scene, taming={"filter_glossy": 1.0})
+
+
+@pytest.mark.parametrize("name", list_cases(["clamp_direct", "clamp_indirect"], ["clamp_indirect"]))
+def test_clamped_light_agrees(name):
+    """With one lamp without size both engines clamp the same numbers."""
+    scene = make_room()
+    lamp = bpy.data.objects["Lamp"]
+    lamp.data.type, lamp.location.z = "POINT", 1.5
+    lamp.data.shadow_soft_size = 0.0
+    add_ball(MATERIALS["diffuse"]())
+    assert_agree(scene, taming={name: 0.05})
