@@ -5,11 +5,12 @@ import pytest
 
 import raytracer
 from raytracer import integrate, taming
-from raytracer.integrate import prepare, trace
+from raytracer.integrate import trace
 from raytracer.rays import make_rays
 from raytracer.sampling import PixelSamples
 from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
+from raytracer.stages import prepare
 
 COUNT = 64
 POWER, RADIUS = 50.0, 2.0
