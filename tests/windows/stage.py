@@ -1,0 +1,117 @@
+"""Drive Blender's own window from a script: steps, one after the other, each with a picture of the window.
+
+    blender FILE.blend -P tests/windows/SCRIPT.py -- FOLDER
+
+A step is a function; what it returns is the number of seconds to wait before the next, None for one redraw's time.
+FOLDER gets `report.json`, with what the steps recorded, and the pictures. Blender ends after the last step, with code 0
+only if none raised. Imports bpy.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+ROOT = Path(__file__).resolve().parents[2]
+START_SECONDS, STEP_SECONDS = 2.0, 0.5
+
+Step = Callable[[], float | None]
+folder = Path(sys.argv[sys.argv.index("--") + 1]).resolve() if "--" in sys.argv else Path()
+record: dict[str, Any] = {}
+
+
+def register_addon() -> None:
+    """Register the add-on of this tree, and keep the splash screen away."""
+    sys.path.insert(0, str(ROOT))
+    bpy.context.preferences.view.show_splash = False
+    import addon
+
+    addon.register()
+
+
+def play(steps: Iterable[Step]) -> None:
+    """Run steps in Blender's main loop."""
+    waiting = iter([*steps, finish])
+
+    def tick() -> float | None:
+        step = next(waiting)
+        try:
+            return step() or STEP_SECONDS
+        except BaseException:
+            traceback.print_exc()
+            end(1)
+            return None
+
+    bpy.app.timers.register(tick, first_interval=START_SECONDS, persistent=True)
+
+
+def finish() -> None:
+    """End Blender after the last step."""
+    (folder / "report.json").write_text(json.dumps(record, indent=1))
+    end(0)
+
+
+def end(code: int) -> None:
+    """Leave at once: quitting in the usual way would ask about unsaved changes."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def find_window() -> Any:
+    """Return the first window; a timer has none of its own."""
+    return bpy.context.window_manager.windows[0]
+
+
+def find_area(kind: str, number: int = 0) -> Any:
+    """Return an area of a kind, such as VIEW_3D."""
+    return [area for area in find_window().screen.areas if area.type == kind][number]
+
+
+def find_region(area: Any, kind: str = "WINDOW") -> Any:
+    """Return a region of an area."""
+    return next(region for region in area.regions if region.type == kind)
+
+
+def within(area: Any, kind: str = "WINDOW") -> Any:
+    """Return the context of an area, for operators."""
+    return bpy.context.temp_override(window=find_window(), area=area, region=find_region(area, kind))
+
+
+def show_tab(kind: str, category: str) -> tuple[Step, Step]:
+    """Return two steps: open the sidebar of an area of a kind, and, once it is drawn, choose its tab."""
+
+    def show_sidebar() -> None:
+        find_area(kind).spaces.active.show_region_ui = True
+
+    def choose_tab() -> float:
+        find_region(find_area(kind), "UI").active_panel_category = category
+        return 2 * STEP_SECONDS
+
+    return show_sidebar, choose_tab
+
+
+def press(kind: str, x: float, y: float) -> None:
+    """Press and release a key or mouse button at a point of the window; needs `blender --enable-event-simulate`."""
+    place = {"x": int(x), "y": int(y)}
+    find_window().event_simulate("MOUSEMOVE", "NOTHING", **place)
+    for value in ("PRESS", "RELEASE"):
+        find_window().event_simulate(kind, value, **place)
+
+
+def take_picture(name: str) -> Step:
+    """Return a step that saves the screen as FOLDER/NAME.png, by ImageMagick: on a virtual screen Blender's own
+    operator sees black."""
+
+    def step() -> None:
+        subprocess.run(["import", "-window", "root", str(folder / f"{name}.png")], check=True)
+
+    return step

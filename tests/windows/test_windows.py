@@ -1,0 +1,55 @@
+"""The add-on in Blender's own window, where there is one; the scripts beside this file drive it.
+
+BLENDER_WINDOW names the command that opens Blender with a screen, such as `blender` on a desktop, or
+`xvfb-run -a -s "-screen 0 1600x1000x24" blender`. It takes ImageMagick's `import` for the pictures, which stay in the
+test's temporary folder: look at them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+COMMAND = shlex.split(os.environ.get("BLENDER_WINDOW", ""))
+OPTIONS = ("--window-geometry", "0", "0", "1600", "1000", "--factory-startup", "--enable-event-simulate")
+SMALLEST_PICTURE = 20_000  # bytes; a black screen has fewer
+
+pytestmark = pytest.mark.skipif(not COMMAND, reason="set BLENDER_WINDOW to a command that opens Blender's window")
+
+
+def drive(script: str, folder: Path, blend: str = "still_life.blend") -> dict[str, Any]:
+    """Run a script of this folder in Blender's window; return what it recorded."""
+    command = [
+        *COMMAND,
+        *OPTIONS,
+        ROOT / "blend_scenes" / blend,
+        "-P",
+        ROOT / "tests" / "windows" / script,
+        "--",
+        folder,
+    ]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, timeout=300)
+    output = done.stdout + done.stderr
+    assert done.returncode == 0, output
+    assert "Traceback" not in output, output
+    for picture in folder.glob("*.png"):
+        assert picture.stat().st_size > SMALLEST_PICTURE, picture
+    return json.loads((folder / "report.json").read_text())
+
+
+def test_rays_are_picked_drawn_and_cleared(tmp_path: Path) -> None:
+    report = drive("inspect_rays.py", tmp_path)
+    assert report["result"] == ["FINISHED"]
+    assert report["rays"][:3] == ["0 Camera: Glass ball", "1 Reflected: nothing", "1 Refracted: Glass ball"]
+    assert report["picking"] == ["RUNNING_MODAL"]
+    assert (report["after_escape"], report["modal_after_escape"]) == (len(report["rays"]), [])
+    assert report["picked_in_picture"] == ["0 Camera: Mirror disc", "1 Reflected: Backdrop"]
+    assert report["picked_in_view"] == report["after_undo"] == ["0 Camera: Backdrop"]
+    assert report["after_load"] == [True, True]
