@@ -214,10 +214,11 @@ def format_duration(seconds: float) -> str:
 def register() -> None:
     """Add the engine to Blender's list."""
     bpy.utils.register_class(ReferenceRaytracerEngine)
+    viewport.register()
 
 
 def unregister() -> None:
     """Take the engine out of Blender's list and forget the renders of this session."""
     bpy.utils.unregister_class(ReferenceRaytracerEngine)
-    viewport.close_all()
+    viewport.unregister()
     statistics.forget_all()

@@ -78,6 +78,7 @@ class Live:
     def __init__(self) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix="raytracer-")
         self._sender = Sender(Path(self._directory.name))
+        self._outline = b""
         self._canvas: Canvas | None = None
         self._memory: NDArray[np.float32] | None = None
         self._canvases = self._job = 0
@@ -98,9 +99,14 @@ class Live:
     def process_id(self) -> int:
         return self._process.pid
 
-    def set_scene(self, scene: Scene) -> None:
-        """Take another scene; drawn at the next `draw`."""
-        self._send(self._sender.pack(scene))
+    def set_scene(self, scene: Scene) -> bool:
+        """Take another scene, drawn at the next `draw`; return False if it is the same as the last."""
+        parcel = self._sender.pack(scene)
+        is_new = parcel.path is not None or parcel.outline != self._outline
+        if is_new:
+            self._outline = parcel.outline
+            self._send(parcel)
+        return is_new
 
     def draw(self, target: Target, precision: str) -> None:
         """Drop what is being drawn and begin with `target`."""
@@ -131,17 +137,19 @@ class Live:
         return self._latest is not self._shown
 
     def read_picture(self) -> Picture | None:
-        """Return the newest picture, its pixels a copy, or None if there has been none since the last call."""
-        while (report := self._latest) is not None and report is not self._shown:
-            self._shown = report
-            if report.picture is None or self._canvas is None or report.canvas != self._canvas.path:
-                return None
-            assert self._memory is not None
-            count = int(np.prod(report.shape))
-            pixels = self._memory[report.slot, :count].reshape(report.shape).copy()
-            if self._latest is report:  # not written to again meanwhile
-                return replace(report.picture, pixels=pixels)
-        return None
+        """Return the newest picture, or None if there has been none since the last call.
+
+        Its pixels are a view of the shared memory: the next picture but one will be written there.
+        """
+        report = self._latest
+        if report is self._shown:
+            return None
+        self._shown = report
+        if report is None or report.picture is None or self._canvas is None or report.canvas != self._canvas.path:
+            return None
+        assert self._memory is not None
+        count = int(np.prod(report.shape))
+        return replace(report.picture, pixels=self._memory[report.slot, :count].reshape(report.shape))
 
     def close(self) -> None:
         """End the process; whatever it is doing is lost."""
@@ -307,11 +315,11 @@ def _read_messages(stream: IO[bytes], inbox: queue.SimpleQueue[Any]) -> None:
 
 def warm_up() -> None:
     """Draw something small, so that the first picture need not wait for what is made once."""
+    camera = Camera(np.eye(4))
     corners = [(-1.0, -1.0, -3.0), (1.0, -1.0, -3.0), (0.0, 1.0, -3.0)]
     scene = Scene(
         meshes=[Mesh(corners, [(0, 1, 2)])],
         lights=[PointLight((0.0, 0.0, 0.0), (10.0, 10.0, 10.0), radius=0.1)],
-        camera=Camera(np.eye(4)),
     )
-    target = Target(scene.camera, 64, 64, samples=1, settings={"integrator": "path"})
+    target = Target(camera, 64, 64, samples=1, settings={"integrator": "path"})
     refine(scene, build(scene), target, lambda picture: None, lambda: False)

@@ -18,12 +18,13 @@ import raytracer
 from .. import versions
 from .camera import extract_camera
 from .instances import Context, ObjectKey, place_parts, walk_instances, warn_missing
+from .kept import Changes, Kept, read_changes
 from .materials import MaterialTable
-from .meshes import MeshTable
+from .mesh_table import MeshTable
 from .warnings import Warning, WarningList
 from .world import extract_world
 
-__all__ = ["Extraction", "ObjectKey", "Warning", "extract_scene"]
+__all__ = ["Changes", "Extraction", "Kept", "ObjectKey", "Warning", "extract_scene", "read_changes"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ def extract_scene(
     passes: Sequence[str] = ("Combined",),
     geometry_only: bool = False,
     space: Any = None,
+    kept: Kept | None = None,
 ) -> Extraction:
     """Return all that a depsgraph shows, in the depsgraph's own mode (render or viewport).
 
@@ -55,7 +57,11 @@ def extract_scene(
     depsgraph : bpy.types.Depsgraph
     passes : the tracer's pass names; UV coordinates are read for the pass "UV" only
     geometry_only : True leaves out camera, lights, world and materials, for casting rays
-    space : bpy.types.SpaceView3D, which may hide objects and has a view of its own: no camera is read; None for renders
+    space : bpy.types.SpaceView3D, which may hide objects and has a view of its own, so that no camera is read; None for
+        renders
+
+    kept : what the last extraction of this view layer in this mode left, with the `changes` since; afterwards what this
+        one leaves. The result is the same without
 
     Raises
     ------
@@ -65,12 +71,17 @@ def extract_scene(
     warnings = WarningList()
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     camera = None if geometry_only or space else extract_camera(scene, warnings)
-    materials = None if geometry_only else MaterialTable(warnings)
-    meshes = MeshTable("UV" in passes, warnings)
+    last = kept or Kept()
+    materials = None if geometry_only else MaterialTable(warnings, last)
+    meshes = MeshTable("UV" in passes, warnings, last)
     warn_missing(depsgraph, warnings)
-    placements = walk_instances(depsgraph, Context(view_layer, meshes, materials, warnings, space))
+    context = Context(view_layer, meshes, materials, warnings, space, last)
+    placements = walk_instances(depsgraph, context)
     placed = place_parts(placements, warnings, materials is not None and materials.read_object_info)
-    world = None if geometry_only else extract_world(versions.find_world(scene, view_layer), warnings)
+    images = materials.images if materials else None
+    world = None if geometry_only else extract_world(versions.find_world(scene, view_layer), warnings, images)
+    if kept is not None and materials is not None:
+        kept.replace(context.entries, meshes.finish(), materials)
     record = raytracer.Scene(
         meshes=meshes.records,
         spheres=placed.spheres,

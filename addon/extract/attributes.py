@@ -67,19 +67,3 @@ def read_generated(mesh: Any) -> Values:
     scale = np.divide(0.5, size, out=np.zeros_like(size), where=size != 0)
     undeformed = read_array(mesh.vertices, "undeformed_co", np.float32, 3)
     return (undeformed - location) * scale + np.float32(0.5)
-
-
-class AttributeTable:
-    """The attributes of a scene's meshes, each read once."""
-
-    def __init__(self) -> None:
-        self._values: dict[tuple[int, str], Values | None] = {}
-
-    def find_attributes(self, mesh: Any, geometry: Geometry, names: set[str]) -> dict[str, Values]:
-        """Return those of the attributes `names` that an evaluated mesh has, by name."""
-        for name in names:
-            key = (mesh.as_pointer(), name)
-            if key not in self._values:
-                self._values[key] = read_mesh_attribute(mesh, geometry, name)
-        found = {name: self._values[mesh.as_pointer(), name] for name in sorted(names)}
-        return {name: values for name, values in found.items() if values is not None}

@@ -16,6 +16,7 @@ from raytracer.programs import Image
 
 from .. import versions
 from .color_spaces import find_decoder
+from .kept import Kept
 from .nodes import Place
 
 Pixels = NDArray[Any]
@@ -25,18 +26,25 @@ UNASSOCIATED_MODES = ("CHANNEL_PACKED", "NONE")
 
 
 class ImageTable:
-    """The scene's images, each read once."""
+    """The scene's images, each read once, and again only if it may have changed since the last extraction."""
 
-    def __init__(self) -> None:
+    def __init__(self, kept: Kept | None = None) -> None:
         self._images: dict[int, Image | None] = {}
+        self._kept = kept or Kept()
+        # Those that may be kept: a warning would be lost.
+        self.silent: dict[int, Image | None] = {}
 
     def find_image(self, image: Any, node: str, place: Place) -> Image | None:
         """Return an image as the tracer's, or None, which shows magenta, for one that is missing."""
         if image is None:
             return None
-        key = image.as_pointer()
+        key = image.original.session_uid
         if key not in self._images:
-            self._images[key] = extract_image(image, place)
+            count = len(place.warnings.records)
+            last = self._kept.images.get(key) if self._kept.trusts(key) else None
+            self._images[key] = extract_image(image, place) if last is None else last
+            if len(place.warnings.records) == count:
+                self.silent[key] = self._images[key]
         if self._images[key] is None:
             place.warn(f"node '{node}': image '{image.name}' is missing, magenta is shown")
         return self._images[key]

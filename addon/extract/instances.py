@@ -17,11 +17,12 @@ import raytracer
 from raytracer.noise import hash_words
 from raytracer.scene import SEEN_BY, SEEN_BY_ALL
 
-from .attributes import AttributeTable
+from .kept import Kept
 from .lights import extract_light
 from .materials import MaterialTable
-from .meshes import MeshTable, Points, extract_points
-from .warnings import WarningList
+from .mesh_table import MeshEntry, MeshTable
+from .meshes import Points, extract_points, open_mesh
+from .warnings import Warning, WarningList
 
 # Blender's random numbers of instances are whole, 0 to this.
 LARGEST_ID = 2**32 - 1
@@ -53,7 +54,10 @@ class ObjectKey(NamedTuple):
 
 @dataclass(frozen=True)
 class Part:
-    """What all instances of one object, instancer and data share: a mesh, or points with their material, or a light."""
+    """What all instances of one object, instancer and data share: a mesh, or points with their material, or a light.
+
+    random : Blender's number for the object, 0 to 1, where it is no instance
+    """
 
     object: ObjectKey
     pass_index: int = 0
@@ -64,6 +68,29 @@ class Part:
     points: Points | None = None
     material: int = 0
     light: Any = None
+    random: float = 0.0
+
+
+# What a Part is called from one extraction to the next: `session_uid` of object and instancer, the data's address.
+PartKey = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class PartEntry:
+    """A Part, and what its numbers stand for.
+
+    mesh : its mesh, or None for points
+    materials : `session_uid` of the material of each used slot, 0 for the default grey
+    attributes : names of those that the materials read
+    sources : `session_uid` of the other data-blocks that it was read from
+    """
+
+    part: Part
+    mesh: MeshEntry | None
+    materials: tuple[int, ...]
+    attributes: tuple[str, ...]
+    sources: tuple[int, ...]
+    warnings: tuple[Warning, ...]
 
 
 @dataclass
@@ -79,14 +106,19 @@ class Placements:
 
 @dataclass(frozen=True)
 class Context:
-    """What a Part is made with; `materials` is None where only geometry is wanted, `space` the viewport or None."""
+    """What a Part is made with; `materials` is None where only geometry is wanted, `space` the viewport or None.
+
+    kept : the last extraction
+    entries : what this one leaves to the next
+    """
 
     view_layer: Any
     meshes: MeshTable
     materials: MaterialTable | None
     warnings: WarningList
     space: Any = None
-    attributes: AttributeTable = field(default_factory=AttributeTable)
+    kept: Kept = field(default_factory=Kept)
+    entries: dict[PartKey, PartEntry] = field(default_factory=dict)
 
 
 def walk_instances(depsgraph: Any, context: Context) -> Placements:
@@ -105,14 +137,15 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
         # `shown` itself is one of two scratch objects while Blender walks instances: no key.
         key = (source.as_pointer(), instancer.as_pointer(), data.as_pointer())
         if key not in known:
-            part = make_part(shown, source, instancer, context)
+            part = find_part(shown, source, instancer, context)
             known[key] = len(placements.parts) if part else -1
             if part:
                 placements.parts.append(part)
         if known[key] >= 0:
             placements.part.append(known[key])
             placements.world_from_object.append(np.array(instance.matrix_world, dtype=np.float64))
-            placements.random.append(instance.random_id / LARGEST_ID if is_instance else hash_name(source.name))
+            random = instance.random_id / LARGEST_ID if is_instance else placements.parts[known[key]].random
+            placements.random.append(random)
     return placements
 
 
@@ -124,34 +157,84 @@ def hash_name(name: str) -> float:
     return float(hash_words(word, 0)) / LARGEST_ID
 
 
-def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part | None:
-    """Return what to show of an object, or None: other types, nothing in it, or hidden from all rays."""
-    kind, name = shown.type, source.name
-    if kind in UNSUPPORTED_TYPES:
-        context.warnings.add(f"{UNSUPPORTED_TYPES[kind]} are not supported, left out", name)
+def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part | None:
+    """Return what to show of an object, or None; as in the last extraction where nothing of it changed."""
+    if shown.type not in ("MESH", "POINTCLOUD"):
+        return make_other_part(shown, source, context)
+    key = source.original.session_uid, instancer.original.session_uid, shown.data.as_pointer()
+    entry = context.kept.parts.get(key)
+    entry = renew_part(entry, source, context) if entry else None
+    if entry is None:
+        entry = make_part(shown, source, instancer, context)
+    if entry is None:
         return None
-    if kind not in ("MESH", "POINTCLOUD", "LIGHT"):
+    context.entries[key] = entry
+    return entry.part
+
+
+def renew_part(last: PartEntry, source: Any, context: Context) -> PartEntry | None:
+    """Return a Part of the last extraction with this one's numbers, or None where something of it may have changed."""
+    kept, materials = context.kept, context.materials
+    if materials is None or not kept.trusts_parts or not kept.trusts(*last.sources):
         return None
-    if kind == "LIGHT":
-        return make_light_part(shown, source, context)
-    seen_by = find_visibility(shown, instancer, context)
-    if not seen_by:
+    if not all(materials.can_reuse(identity, source.name) for identity in last.materials):
         return None
-    warn_hair(source, context.warnings)
-    holdout = instancer.holdout_get(view_layer=context.view_layer)
-    part = Part(make_key(source), shown.pass_index, holdout, tuple(shown.color), seen_by)
-    if kind == "MESH":
-        geometry = context.meshes.find_geometry(shown.data, name)
-        if geometry is None:
+    context.warnings.include(last.warnings)
+    entry = context.meshes.reuse(source, last.mesh) if last.mesh else None
+    indices = tuple(materials.reuse(identity) for identity in last.materials)
+    if entry is not None:
+        part = replace(last.part, mesh=context.meshes.find_index(entry, None, indices, last.attributes))
+    else:
+        part = replace(last.part, material=indices[0])
+    return replace(last, part=part)
+
+
+def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> PartEntry | None:
+    """Return what to show of an object with a mesh or points, or None: nothing in it, or hidden from all rays."""
+    own = WarningList()
+    seen_by = find_visibility(shown, instancer, context.view_layer, own)
+    if seen_by:
+        warn_hair(source, own)
+    points = extract_points(shown.data, source.name, own) if seen_by and shown.type == "POINTCLOUD" else None
+    context.warnings.include(own.records)
+    if not seen_by or (shown.type == "POINTCLOUD" and points is None):
+        return None
+    part = Part(
+        object=make_key(source),
+        pass_index=shown.pass_index,
+        holdout=instancer.holdout_get(view_layer=context.view_layer),
+        color=tuple(shown.color),
+        seen_by=seen_by,
+        random=hash_name(source.name),
+        points=points,
+    )
+    sources = tuple(data.original.session_uid for data in (source, instancer, shown.data))
+    if points is not None:
+        materials = find_materials(shown, source, (0,), context)
+        return PartEntry(
+            replace(part, material=materials[0]), None, identify(materials, context), (), sources, own.records
+        )
+    with open_mesh(source, shown.data) as mesh:
+        entry = context.meshes.find_entry(source, shown.data.as_pointer(), mesh)
+        if entry.geometry is None:
             return None
-        materials = find_materials(shown, source, geometry.used_slots, context)
+        materials = find_materials(shown, source, entry.geometry.used_slots, context)
         names = context.materials.list_attributes(materials) if context.materials else set()
-        attributes = context.attributes.find_attributes(shown.data, geometry, names)
-        return replace(part, mesh=context.meshes.find_index(shown.data, geometry, materials, attributes))
-    points = extract_points(shown.data, name, context.warnings)
-    if points is None:
-        return None
-    return replace(part, points=points, material=find_materials(shown, source, (0,), context)[0])
+        index = context.meshes.find_index(entry, mesh, materials, names)
+    part = replace(part, mesh=index)
+    return PartEntry(part, entry, identify(materials, context), tuple(names), sources, own.records)
+
+
+def identify(materials: tuple[int, ...], context: Context) -> tuple[int, ...]:
+    """Return the `session_uid` of materials, given by number."""
+    return tuple(context.materials.find_identity(index) for index in materials) if context.materials else ()
+
+
+def make_other_part(shown: Any, source: Any, context: Context) -> Part | None:
+    """Return a light's Part, or None for what is not shown."""
+    if shown.type in UNSUPPORTED_TYPES:
+        context.warnings.add(f"{UNSUPPORTED_TYPES[shown.type]} are not supported, left out", source.name)
+    return make_light_part(shown, source, context) if shown.type == "LIGHT" else None
 
 
 def find_materials(shown: Any, source: Any, used_slots: tuple[int, ...], context: Context) -> tuple[int, ...]:
@@ -175,16 +258,15 @@ def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
     return Part(make_key(source), light=shown.data, seen_by=seen_by)
 
 
-def find_visibility(shown: Any, instancer: Any, context: Context) -> int:
+def find_visibility(shown: Any, instancer: Any, view_layer: Any, warnings: WarningList) -> int:
     """Return the classes of rays that see an object, as bits of SEEN_BY; warn of what makes it a catcher."""
     seen_by = sum(
         SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name) and getattr(instancer, name)
     )
-    view_layer = context.view_layer
     if not instancer.holdout_get(view_layer=view_layer) and instancer.indirect_only_get(view_layer=view_layer):
         seen_by &= ~SEEN_BY["camera"]
     if seen_by and (shown.is_shadow_catcher or instancer.is_shadow_catcher):
-        context.warnings.add("shadow catcher is not supported, shown as an ordinary object", shown.name)
+        warnings.add("shadow catcher is not supported, shown as an ordinary object", shown.name)
     return seen_by
 
 

@@ -7,6 +7,7 @@ raytracer and this package.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,10 @@ from raytracer.site_tables import TANGENT
 from .. import versions
 from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
+from .kept import Kept
 from .nodes import Groups, Place, find_source, read_color
 from .programs import ProgramBuilder
-from .warnings import WarningList
+from .warnings import Warning, WarningList
 
 # Operations that read what is stored for each instance.
 OBJECT_READERS = frozenset(f"OBJECT_INFO {output}" for output in ("Color", "Alpha", "Random"))
@@ -118,33 +120,78 @@ def read_output(output: Any, builder: ProgramBuilder) -> list[raytracer.Closure]
     return closures
 
 
+@dataclass(frozen=True)
+class MaterialEntry:
+    """One material.
+
+    identity : its `session_uid`, 0 for the default grey
+    object_name : where it was met first, which its warnings say
+    attributes : names of those of meshes that it reads
+    warnings : what could not be honoured
+    """
+
+    identity: int
+    object_name: str
+    record: raytracer.Material
+    attributes: frozenset[str]
+    warnings: tuple[Warning, ...]
+
+
 class MaterialTable:
     """The scene's materials, each extracted once, numbered in the order they are met."""
 
-    def __init__(self, warnings: WarningList) -> None:
-        self.records: list[raytracer.Material] = []
-        self._attributes: list[set[str]] = []
+    def __init__(self, warnings: WarningList, kept: Kept | None = None) -> None:
+        self.entries: list[MaterialEntry] = []
         self._indices: dict[int, int] = {}
-        self._images = ImageTable()
-        self._warnings = warnings
+        self._warnings, self._kept = warnings, kept or Kept()
+        self.images = ImageTable(self._kept)
+
+    @property
+    def records(self) -> list[raytracer.Material]:
+        return [entry.record for entry in self.entries]
 
     def find_index(self, material: Any, object_name: str) -> int:
         """Return the index of an evaluated material, or of the default grey for None."""
-        key = material.as_pointer() if material is not None else 0
-        if key not in self._indices:
-            self._indices[key] = len(self.records)
-            record = (
-                raytracer.Material((raytracer.Closure("diffuse", color=GREY),), name="default")
-                if material is None
-                else extract_material(material, object_name, self._images, self._warnings)
-            )
-            self.records.append(record)
-            self._attributes.append(list_attributes(record.program) if record.program else set())
-        return self._indices[key]
+        identity = material.original.session_uid if material is not None else 0
+        if not self.can_reuse(identity, object_name):
+            self._add(self._read(material, identity, object_name))
+        return self.reuse(identity)
+
+    def can_reuse(self, identity: int, object_name: str) -> bool:
+        """True where a material is known, or is as it was in the last extraction."""
+        last = self._kept.materials.get(identity)
+        if identity in self._indices or last is None:
+            return identity in self._indices
+        says_same = not last.warnings or last.object_name == object_name
+        return says_same and self._kept.trusts_materials and self._kept.trusts(identity)
+
+    def reuse(self, identity: int) -> int:
+        """Return the index of a material that can be reused."""
+        if identity not in self._indices:
+            self._add(self._kept.materials[identity])
+        return self._indices[identity]
+
+    def _read(self, material: Any, identity: int, object_name: str) -> MaterialEntry:
+        own = WarningList()
+        if material is None:
+            record = raytracer.Material((raytracer.Closure("diffuse", color=GREY),), name="default")
+        else:
+            record = extract_material(material, object_name, self.images, own)
+        attributes = list_attributes(record.program) if record.program else ()
+        return MaterialEntry(identity, object_name, record, frozenset(attributes), own.records)
+
+    def _add(self, entry: MaterialEntry) -> None:
+        self._indices[entry.identity] = len(self.entries)
+        self.entries.append(entry)
+        self._warnings.include(entry.warnings)
+
+    def find_identity(self, index: int) -> int:
+        """Return the `session_uid` of a material, 0 for the default grey."""
+        return self.entries[index].identity
 
     def list_attributes(self, indices: Sequence[int]) -> set[str]:
         """Return the names of the mesh attributes that some of the materials read."""
-        names = set().union(*(self._attributes[index] for index in indices))
+        names = set[str]().union(*(self.entries[index].attributes for index in indices))
         return {name.removeprefix(TANGENT) for name in names}
 
     @property

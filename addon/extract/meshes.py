@@ -7,7 +7,8 @@ Imports raytracer and this package.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,8 +53,25 @@ class Geometry:
     kept: NDArray[np.bool_] | None = None
 
 
-def extract_geometry(mesh: Any, name: str, with_uvs: bool, warnings: WarningList) -> Geometry | None:
-    """Return the triangles of an evaluated mesh, or None where it has none.
+@contextmanager
+def open_mesh(source: Any, mesh: Any) -> Iterator[Any]:
+    """Give the mesh of an evaluated object for reading.
+
+    One that is being edited and has no modifiers lies in Blender's edit structures: it is converted.
+    """
+    if not mesh.is_editmode:
+        yield mesh
+        return
+    try:
+        yield source.to_mesh()
+    finally:
+        source.to_mesh_clear()
+
+
+def extract_geometry(
+    mesh: Any, name: str, with_uvs: bool, warnings: WarningList, last: Geometry | None = None
+) -> Geometry | None:
+    """Return the triangles of an evaluated mesh, `last` itself if they are the same, or None where it has none.
 
     Triangles with a vertex that is not finite are dropped with a warning; those without area stay, no ray hits them.
     """
@@ -77,9 +95,21 @@ def extract_geometry(mesh: Any, name: str, with_uvs: bool, warnings: WarningList
     if normals is not None and not np.isfinite(normals).all():
         warnings.add("custom normals are NaN or infinite: their faces' own are used there", name)
         normals = replace_broken_normals(normals, positions, triangles)
+    if last is not None and is_same(last, name, (positions, triangles, normals, uvs, polygons, slots, kept)):
+        return last
     record = raytracer.Mesh(positions, triangles, normals=normals, uvs=uvs, name=name)
     used_slots = (0,) if slots is None else tuple(np.flatnonzero(np.bincount(slots)).tolist())
     return Geometry(record, polygons, slots, used_slots, kept)
+
+
+def is_same(last: Geometry, name: str, arrays: tuple[NDArray[Any] | None, ...]) -> bool:
+    """Return True where a Geometry was made of these arrays; float32 numbers are the same as float64."""
+    mesh = last.mesh
+    before = (mesh.positions, mesh.triangles, mesh.normals, mesh.uvs, last.polygons, last.slots, last.kept)
+    return mesh.name == name and all(
+        one is other if one is None or other is None else np.array_equal(one, other)
+        for one, other in zip(before, arrays, strict=True)
+    )
 
 
 def find_finite_triangles(
@@ -142,36 +172,6 @@ def assign_materials(geometry: Geometry, materials: tuple[int, ...]) -> raytrace
     material_of_slot = np.zeros(geometry.used_slots[-1] + 1, dtype=np.int32)
     material_of_slot[list(geometry.used_slots)] = materials
     return dataclasses.replace(geometry.mesh, material=material_of_slot[geometry.slots])  # (t,)
-
-
-class MeshTable:
-    """The scene's meshes: one per evaluated mesh and material assignment; assignments share their arrays."""
-
-    def __init__(self, with_uvs: bool, warnings: WarningList) -> None:
-        self.records: list[raytracer.Mesh] = []
-        self.polygons: list[NDArray[np.int32]] = []
-        self._geometries: dict[int, Geometry | None] = {}
-        self._indices: dict[tuple[int, tuple[int, ...]], int] = {}
-        self._with_uvs, self._warnings = with_uvs, warnings
-
-    def find_geometry(self, mesh: Any, name: str) -> Geometry | None:
-        """Return an evaluated mesh's triangles, read once, or None where it has none."""
-        pointer = mesh.as_pointer()
-        if pointer not in self._geometries:
-            self._geometries[pointer] = extract_geometry(mesh, name, self._with_uvs, self._warnings)
-        return self._geometries[pointer]
-
-    def find_index(
-        self, mesh: Any, geometry: Geometry, materials: tuple[int, ...], attributes: Mapping[str, NDArray[Any]]
-    ) -> int:
-        """Return the index of the scene's mesh with this geometry, these materials for its used slots, and attributes
-        that these materials read."""
-        key = (mesh.as_pointer(), materials)
-        if key not in self._indices:
-            self._indices[key] = len(self.records)
-            self.records.append(dataclasses.replace(assign_materials(geometry, materials), attributes=attributes))
-            self.polygons.append(geometry.polygons)
-        return self._indices[key]
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ Imports the standard library only.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 
@@ -36,6 +37,11 @@ class WarningList:
     def add(self, text: str, object: str = "", material: str = "") -> None:
         """Add one record unless it is there already."""
         self._records.setdefault(Warning(text, object, material))
+
+    def include(self, records: Iterable[Warning]) -> None:
+        """Add records of another list."""
+        for record in records:
+            self._records.setdefault(record)
 
     @property
     def records(self) -> tuple[Warning, ...]:

@@ -10,10 +10,13 @@ import weakref
 from typing import Any
 
 import bpy
+from bpy.app.handlers import persistent
 
 from .drawing import Canvas
 from .session import Session
 
+handlers = bpy.app.handlers
+UNANNOUNCED = (handlers.undo_pre, handlers.undo_post, handlers.redo_pre, handlers.redo_post)
 # Seconds between two looks for news of the renderers.
 WATCH_INTERVAL = 1 / 60
 
@@ -42,6 +45,7 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
     picture = viewport.session.read_picture()
     if picture is not None:
         viewport.canvas.take(picture)
+    viewport.canvas.upload()
     viewport.canvas.draw(engine, depsgraph.scene)
     engine.update_stats("", viewport.session.status)
 
@@ -65,9 +69,30 @@ def find_viewport(engine: Any) -> Viewport:
 def watch() -> float | None:
     """Let regions with news be drawn; called by Blender's timer while there are viewports."""
     for engine, viewport in list(_viewports.items()):
-        if viewport.session.has_news:
+        if viewport.session.has_news or viewport.canvas.is_busy:
             engine.tag_redraw()
     return WATCH_INTERVAL if _viewports else None
+
+
+@persistent
+def distrust_all(*_: Any) -> None:
+    """Let all scenes be read and compared anew; called around undo and redo, which may change anything."""
+    for viewport in list(_viewports.values()):
+        viewport.session.distrust()
+
+
+def register() -> None:
+    """Listen to undo and redo."""
+    for called in UNANNOUNCED:
+        called.append(distrust_all)
+
+
+def unregister() -> None:
+    """End all renderers, and listen no more."""
+    close_all()
+    for called in UNANNOUNCED:
+        if distrust_all in called:
+            called.remove(distrust_all)
 
 
 def close_all() -> None:

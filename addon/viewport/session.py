@@ -12,7 +12,7 @@ from typing import Any
 from raytracer.live import Live
 from raytracer.progressive import Picture, Target
 
-from ..extract import extract_scene
+from ..extract import Kept, extract_scene, read_changes
 from ..properties import settings_keywords
 from .views import EmptyBorderError, read_view
 
@@ -25,34 +25,45 @@ class Session:
 
     def __init__(self) -> None:
         self._live = Live()
+        self._kept = Kept()
+        self._depsgraph = 0
         self._asked: bytes | None = None
-        self._error = ""
-        self._job_error = ""
+        self._scene_error = self._view_error = ""
 
     def update(self, depsgraph: Any, space: Any) -> None:
         """Take the scene as it is now; called after every change."""
-        self._asked = None
-        self._error = ""
-        try:
-            extraction = extract_scene(depsgraph, space=space)
-        except ValueError as error:
-            self._error = str(error)
+        changes = read_changes(depsgraph) if depsgraph.as_pointer() == self._depsgraph else None
+        self._depsgraph = depsgraph.as_pointer()
+        if changes is not None and changes.is_view_only:
             return
-        self._live.set_scene(extraction.scene)
+        self._kept.changes = changes
+        try:
+            extraction = extract_scene(depsgraph, space=space, kept=self._kept)
+        except ValueError as error:
+            self._scene_error = str(error)
+            self.distrust()
+            return
+        if self._live.set_scene(extraction.scene) or self._scene_error:
+            self._asked = None
+        self._scene_error = ""
+
+    def distrust(self) -> None:
+        """Take the next change for a change of anything: what happened is not announced."""
+        self._depsgraph = 0
 
     def look(self, region: Any, region_data: Any, space: Any, scene: Any, pixel_size: int) -> None:
         """Take the view as it is now; what is being drawn goes on if it is the same. Called at every redraw."""
-        self._job_error = ""
+        self._view_error = ""
         try:
             target = make_target(read_view(region, region_data, space, scene), scene, pixel_size)
         except ValueError as error:
-            self._job_error = str(error)
+            self._view_error = str(error)
             return
         except EmptyBorderError:
             return
         precision = scene.reference_raytracer.precision.lower()
         asked = pickle.dumps((target, precision))
-        if asked != self._asked and not self._error:
+        if asked != self._asked and not self._scene_error:
             self._asked = asked
             self._live.draw(target, precision)
 
@@ -69,7 +80,7 @@ class Session:
     def status(self) -> str:
         """A line for the user."""
         report = self._live.report
-        error = self._error or self._job_error or (report.error if report else "")
+        error = self._scene_error or self._view_error or (report.error if report else "")
         if error:
             return f"Error: {error}"
         picture = report.picture if report else None

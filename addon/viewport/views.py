@@ -100,7 +100,7 @@ def read_window(matrix: Matrix) -> Window:
     offset = matrix[:2, 2] if is_perspective else -matrix[:2, 3]
     scale = matrix.diagonal()[:2]
     low, high = (offset - 1.0) / scale, (offset + 1.0) / scale
-    return Window(*map(float, (*low, *high)), is_perspective)
+    return Window(float(low[0]), float(low[1]), float(high[0]), float(high[1]), is_perspective)
 
 
 def find_clip(space: Any, window: Window) -> tuple[float, float]:
@@ -146,9 +146,8 @@ def find_frame(camera: raytracer.Camera, render: Any) -> Window:
 
 def read_borders(owner: Any, prefix: str) -> tuple[float, float, float, float]:
     """Return a border's left, bottom, right and top as fractions."""
-    return tuple(
-        getattr(owner, f"{prefix}border_{name}") for name in ("min_x", "min_y", "max_x", "max_y")
-    )  # type: ignore[return-value]
+    left, bottom, right, top = (getattr(owner, f"{prefix}border_{end}") for end in ("min_x", "min_y", "max_x", "max_y"))
+    return left, bottom, right, top
 
 
 def place_in_window(
@@ -161,9 +160,7 @@ def place_in_window(
     return x[0], y[0], x[1], y[1]
 
 
-def find_border(
-    is_used: bool, fractions: tuple[float, float, float, float], size: tuple[int, int]
-) -> Border | None:
+def find_border(is_used: bool, fractions: tuple[float, float, float, float], size: tuple[int, int]) -> Border | None:
     """Return a border of fractions of a region in its pixels, or None where none is used."""
     if not is_used:
         return None

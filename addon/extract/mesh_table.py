@@ -1,0 +1,142 @@
+"""The scene's meshes: each evaluated mesh read once, and only if it may have changed since the last extraction.
+
+What is read and turns out to be the same stays the same arrays, so that trees over them need not be built again.
+Imports raytracer and this package.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import raytracer
+
+from .attributes import Values, read_mesh_attribute
+from .kept import Kept
+from .meshes import Geometry, assign_materials, extract_geometry
+from .warnings import Warning, WarningList
+
+# What a mesh is called from one extraction to the next: the object it was met at first, and which of its meshes it is.
+MeshKey = tuple[int, int]
+# A record's materials, and the addresses of its attributes' arrays by name.
+RecordKey = tuple[tuple[int, ...], tuple[tuple[str, int], ...]]
+
+
+@dataclass(eq=False)
+class MeshEntry:
+    """One evaluated mesh.
+
+    pointer : its address, which tells it from others of the same extraction
+    geometry : its triangles, or None where it has none
+    attributes : what materials read of it, by name; None = it has none of that name
+    records : the scene's meshes made of it
+    last : the same mesh in the last extraction, if it had the same triangles
+    """
+
+    pointer: int
+    geometry: Geometry | None
+    warnings: tuple[Warning, ...]
+    attributes: dict[str, Values | None] = field(default_factory=dict)
+    records: dict[RecordKey, raytracer.Mesh] = field(default_factory=dict)
+    last: MeshEntry | None = None
+
+
+class MeshTable:
+    """The scene's meshes: one per evaluated mesh and material assignment; assignments share their arrays."""
+
+    def __init__(self, with_uvs: bool, warnings: WarningList, kept: Kept | None = None) -> None:
+        self.records: list[raytracer.Mesh] = []
+        self.polygons: list[NDArray[np.int32]] = []
+        self.entries: dict[MeshKey, MeshEntry] = {}
+        self._by_pointer: dict[int, MeshEntry] = {}
+        self._indices: dict[int, int] = {}
+        self._count: Counter[int] = Counter()
+        self._with_uvs, self._warnings, self._kept = with_uvs, warnings, kept or Kept()
+
+    def find_entry(self, source: Any, pointer: int, mesh: Any) -> MeshEntry:
+        """Return the entry of an evaluated mesh.
+
+        source : the object that has it
+        pointer : the mesh's address; `mesh` may be a copy of it for reading
+        """
+        if pointer not in self._by_pointer:
+            key = self._make_key(source)
+            last = self._kept.meshes.get(key)
+            if last is not None and last.pointer == pointer and self._is_trusted(source, mesh):
+                entry = last
+            else:
+                entry = self._read(source, pointer, mesh, last)
+            self._add(key, entry)
+        return self._by_pointer[pointer]
+
+    def reuse(self, source: Any, last: MeshEntry) -> MeshEntry:
+        """Return the entry of a mesh that is as it was in the last extraction."""
+        if last.pointer not in self._by_pointer:
+            self._add(self._make_key(source), last)
+        return self._by_pointer[last.pointer]
+
+    def find_index(self, entry: MeshEntry, mesh: Any, materials: tuple[int, ...], names: Iterable[str]) -> int:
+        """Return the index of the scene's mesh with these materials for its used slots and the attributes `names`.
+
+        mesh : to read attributes from; None where those of the last extraction hold
+        """
+        assert entry.geometry is not None
+        found = {name: self._find_attribute(entry, mesh, name) for name in sorted(names)}
+        attributes = {name: values for name, values in found.items() if values is not None}
+        key = materials, tuple((name, id(values)) for name, values in attributes.items())
+        if key not in entry.records:
+            entry.records[key] = self._make_record(entry, key, attributes)
+        record = entry.records[key]
+        if id(record) not in self._indices:
+            self._indices[id(record)] = len(self.records)
+            self.records.append(record)
+            self.polygons.append(entry.geometry.polygons)
+        return self._indices[id(record)]
+
+    def _make_key(self, source: Any) -> MeshKey:
+        identity = source.original.session_uid
+        self._count[identity] += 1
+        return identity, self._count[identity]
+
+    def _is_trusted(self, source: Any, mesh: Any) -> bool:
+        return not mesh.is_editmode and self._kept.trusts_shapes(source.original.session_uid, mesh.original.session_uid)
+
+    def _read(self, source: Any, pointer: int, mesh: Any, last: MeshEntry | None) -> MeshEntry:
+        own = WarningList()
+        geometry = extract_geometry(mesh, source.name, self._with_uvs, own, last.geometry if last else None)
+        is_same = last is not None and geometry is last.geometry
+        return MeshEntry(pointer, geometry, own.records, last=last if is_same else None)
+
+    def _add(self, key: MeshKey, entry: MeshEntry) -> None:
+        self._warnings.include(entry.warnings)
+        self.entries[key] = entry
+        self._by_pointer[entry.pointer] = entry
+
+    def _find_attribute(self, entry: MeshEntry, mesh: Any, name: str) -> Values | None:
+        if name in entry.attributes:
+            return entry.attributes[name]
+        assert entry.geometry is not None
+        values = read_mesh_attribute(mesh, entry.geometry, name)
+        known = entry.last.attributes.get(name) if entry.last else None
+        is_same = known is not None and values is not None and np.array_equal(known, values)
+        entry.attributes[name] = known if is_same else values
+        return entry.attributes[name]
+
+    def _make_record(self, entry: MeshEntry, key: RecordKey, attributes: dict[str, Values]) -> raytracer.Mesh:
+        if entry.last is not None and key in entry.last.records:
+            return entry.last.records[key]
+        assert entry.geometry is not None
+        return dataclasses.replace(assign_materials(entry.geometry, key[0]), attributes=attributes)
+
+    def finish(self) -> dict[MeshKey, MeshEntry]:
+        """Return what to keep: the entries, without those before them, and without meshes that are not in the scene."""
+        for entry in self.entries.values():
+            entry.last = None
+            entry.records = {key: record for key, record in entry.records.items() if id(record) in self._indices}
+        return self.entries
