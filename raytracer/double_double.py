@@ -40,8 +40,8 @@ def two_difference(x: Floats, y: Floats) -> Pair:
     return two_sum(x, -y)
 
 
-def _split(x: Floats) -> Pair:
-    """x as a sum of two floats of 26 bits (Veltkamp)."""
+def split(x: Floats) -> Pair:
+    """x as a sum of two floats of 26 bits (Veltkamp); the second is at most 2^-26 |x|. Overflows beyond 2^996."""
     shifted = _SPLITTER * x
     high = shifted - (shifted - x)
     return high, x - high
@@ -50,8 +50,8 @@ def _split(x: Floats) -> Pair:
 def two_product(x: Floats, y: Floats) -> Pair:
     """x y exactly (Dekker)."""
     product = x * y
-    x_high, x_low = _split(x)
-    y_high, y_low = _split(y)
+    x_high, x_low = split(x)
+    y_high, y_low = split(y)
     error = ((x_high * y_high - product) + x_high * y_low + x_low * y_high) + x_low * y_low
     return product, error
 

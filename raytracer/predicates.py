@@ -79,7 +79,11 @@ def dot(p: Floats, q: Floats) -> Floats:
 
 def cross_permanent(p: Floats, q: Floats) -> Floats:
     """The cross product with every term's absolute value, of planes that are absolute values already."""
-    return np.stack([p[1] * q[2] + p[2] * q[1], p[2] * q[0] + p[0] * q[2], p[0] * q[1] + p[1] * q[0]])
+    product = np.empty_like(p)
+    np.add(p[1] * q[2], p[2] * q[1], out=product[0])
+    np.add(p[2] * q[0], p[0] * q[2], out=product[1])
+    np.add(p[0] * q[1], p[1] * q[0], out=product[2])
+    return product
 
 
 def shear(relative: Floats, slope: Floats) -> Floats:

@@ -25,7 +25,9 @@ _DETERMINANT_BOUND = 32 * 2.0**-106
 _LOWEST_BIT = -1074
 # Zero is a multiple of everything: more than any sum of three exponents needs.
 _UNIT_OF_ZERO = 1 << 12
-# A bound wider than this many half ulps is worth a computation in pairs.
+# What the lower halves of split factors leave to rounding, `correct_distance`.
+_HALVES_BOUND = 3 * 2.0**-26 * UNIT_ROUNDOFF
+# A bound wider than this many unit roundoffs of the distance (half ulps, or fewer) is worth a computation in pairs.
 _WIDE = 6
 
 
@@ -90,7 +92,7 @@ def triangle_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c
     distance, or seen nearly edge-on) from the determinants in pairs. The bound is infinite where pairs do not suffice.
     """
     refined, error = correct_distance(origin, direction, a, b, c)
-    wide = np.flatnonzero(~(error <= _WIDE * _half_ulp(refined)))
+    wide = np.flatnonzero(~(error <= _WIDE * UNIT_ROUNDOFF * np.abs(refined)))
     if len(wide):
         vectors = (vector[:, wide] for vector in (origin, direction, a, b, c))
         divided, divided_error = divide_determinants(*vectors)
@@ -103,29 +105,31 @@ def triangle_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c
 def correct_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
     """t0 = T / D in float64 and one correction by the residual: with w = a - o - t0 d, t - t0 = (N . w) / D exactly.
 
-    w is no longer than the triangle, so the roundings of N count in proportion to |w| only, not to the distance
-    (iterative refinement: Higham 2002, chapter 12). a - o and t0 d are exact as pairs (s, e) and (p, f):
-    w = (s - p) + (e - f) is off by 2 u |w| + 4 u^2 (|s| + |p|). N has gamma(4), the sums of N . w gamma(3): with the
-    permanent Q of N,
+    w is hardly longer than the triangle, so the roundings of N count in proportion to |w| only, not to the distance
+    (iterative refinement: Higham 2002, chapter 12). a - o is exact as a pair (s, e). Of t0 only the upper 26 bits are
+    kept, and d is split into halves (g, h) of 26 bits: t0 g and t0 h are exact, |t0 h| <= 2^-26 |t0 d|. So
+    w = (s - t0 g) + (e - t0 h) is off by 2 u |w| + 2 u (u |s| + 2^-26 |t0 d|) to first order, where |t0 d| <= |s| + |w|.
+    N has gamma(4), the sums of N . w gamma(3): with the permanent Q of N,
 
-        error of N . w  <=  gamma(10) Q . |w| + 5 u^2 Q . (|s| + |p|) + underflow.
+        error of N . w  <=  gamma(10) Q . |w| + 3 u 2^-26 Q . |s| + underflow.
     """
     start, start_rest = dd.two_difference(a, origin)
     side_b, side_c = b - a, c - a
     normal = predicates.cross(side_b, side_c)
     sizes = predicates.cross_permanent(np.abs(side_b), np.abs(side_c))
     denominator = predicates.dot(direction, normal)
-    t = predicates.dot(start, normal) / denominator
-    way, way_rest = dd.two_product(t, direction)
-    residual = (start - way) + (start_rest - way_rest)
+    t = dd.split(predicates.dot(start, normal) / denominator)[0]
+    upper, lower = dd.split(direction)
+    residual = (start - t * upper) + (start_rest - t * lower)
     denominator_error = predicates.DENOMINATOR_BOUND * predicates.dot(np.abs(direction), sizes)
-    room = np.abs(denominator) - denominator_error
+    size = np.abs(denominator)
+    room = size - denominator_error
     lengths = np.abs(residual)
-    reach = predicates.gamma(10) * lengths + 5 * UNIT_ROUNDOFF**2 * (np.abs(start) + np.abs(way))
-    underflow = predicates.UNDERFLOW * (1 + sizes.sum(axis=0) + lengths.sum(axis=0))
+    reach = predicates.gamma(10) * lengths + _HALVES_BOUND * np.abs(start)
+    underflow = predicates.UNDERFLOW * (1 + (sizes + lengths).sum(axis=0))
     correction = predicates.dot(normal, residual) / denominator
     refined = t + correction
-    share = np.abs(correction) * (denominator_error + 4 * UNIT_ROUNDOFF * np.abs(denominator))
+    share = np.abs(correction) * (denominator_error + 4 * UNIT_ROUNDOFF * size)
     error = (predicates.dot(sizes, reach) + underflow + share) / room
     error = (_half_ulp(refined) + error) * (1 + 16 * UNIT_ROUNDOFF)
     usable = (denominator_error > predicates.SMALLEST_PERMANENT) & (room > 0)
