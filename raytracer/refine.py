@@ -85,20 +85,10 @@ def passes_through(origin: Floats, direction: Floats, point: Floats) -> NDArray[
     return np.asarray(parallel & in_range & (_unit(relative) + _unit(direction) >= _LOWEST_BIT))
 
 
-def triangle_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
-    """Return t = T / D of hits and a bound on its error, (n,) each.
-
-    First by `correct_distance`; where that bound is wider than a few ulps (triangles that are large beside their
-    distance, or seen nearly edge-on) from the determinants in pairs. The bound is infinite where pairs do not suffice.
-    """
-    refined, error = correct_distance(origin, direction, a, b, c)
-    wide = np.flatnonzero(~(error <= _WIDE * UNIT_ROUNDOFF * np.abs(refined)))
-    if len(wide):
-        vectors = (vector[:, wide] for vector in (origin, direction, a, b, c))
-        divided, divided_error = divide_determinants(*vectors)
-        better = ~(error[wide] <= divided_error)
-        refined[wide[better]], error[wide[better]] = divided[better], divided_error[better]
-    return refined, error
+def is_wide(distance: Floats, error: Floats) -> NDArray[np.bool_]:
+    """True where the bound of `correct_distance` is wider than a few ulps: triangles that are large beside their
+    distance, or seen nearly edge-on; `divide_determinants` does better there."""
+    return ~(error <= _WIDE * UNIT_ROUNDOFF * np.abs(distance))
 
 
 @np.errstate(all="ignore")
@@ -108,8 +98,8 @@ def correct_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c:
     w is hardly longer than the triangle, so the roundings of N count in proportion to |w| only, not to the distance
     (iterative refinement: Higham 2002, chapter 12). a - o is exact as a pair (s, e). Of t0 only the upper 26 bits are
     kept, and d is split into halves (g, h) of 26 bits: t0 g and t0 h are exact, |t0 h| <= 2^-26 |t0 d|. So
-    w = (s - t0 g) + (e - t0 h) is off by 2 u |w| + 2 u (u |s| + 2^-26 |t0 d|) to first order, where |t0 d| <= |s| + |w|.
-    N has gamma(4), the sums of N . w gamma(3): with the permanent Q of N,
+    w = (s - t0 g) + (e - t0 h) is off by 2 u |w| + 2 u (u |s| + 2^-26 |t0 d|) to first order, and
+    |t0 d| <= |s| + |w|. N has gamma(4), the sums of N . w gamma(3): with the permanent Q of N,
 
         error of N . w  <=  gamma(10) Q . |w| + 3 u 2^-26 Q . |s| + underflow.
     """
@@ -120,7 +110,7 @@ def correct_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c:
     denominator = predicates.dot(direction, normal)
     t = dd.split(predicates.dot(start, normal) / denominator)[0]
     upper, lower = dd.split(direction)
-    residual = (start - t * upper) + (start_rest - t * lower)
+    residual = np.add(start - t * upper, start_rest - t * lower)
     denominator_error = predicates.DENOMINATOR_BOUND * predicates.dot(np.abs(direction), sizes)
     size = np.abs(denominator)
     room = size - denominator_error

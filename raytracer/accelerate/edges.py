@@ -49,11 +49,13 @@ def edge_signs(lines: NDArray, corners: NDArray) -> tuple[NDArray[np.int8], Bool
     # A line through a corner leaves both edges there in doubt.
     corner, lane = np.nonzero(~known[FIRST] & ~known[SECOND])
     touched = np.zeros_like(known)
-    touched[corner, lane] = refine.passes_through(origin[:, lane], direction[:, lane], corners[corner, :, lane].T)
+    touched[corner, lane] = refine.passes_through(
+        origin.take(lane, axis=1), direction.take(lane, axis=1), corners[corner, :, lane].T
+    )
     known |= touched[FIRST] | touched[SECOND]
     edge, lane = np.nonzero(~known)
     p, q = corners[np.take(FIRST, edge), :, lane].T, corners[np.take(SECOND, edge), :, lane].T
-    refined, known[edge, lane] = refine.edge_sign(origin[:, lane], direction[:, lane], p, q)
+    refined, known[edge, lane] = refine.edge_sign(origin.take(lane, axis=1), direction.take(lane, axis=1), p, q)
     signs[edge, lane] = refined * np.sign(direction[2, lane]).astype(np.int8)
     return signs, known
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from raytracer.accelerate.bvh import make_frame
 from raytracer.accelerate.primitives import Primitives, gather_corners
 from raytracer.accelerate.search import Search
-from raytracer.predicates import UNDERFLOW, cross, dot, gamma
+from raytracer.predicates import UNDERFLOW, UNIT_ROUNDOFF, cross, dot, gamma
 from raytracer.rays import Floats
 
 FLOAT32_ROUNDOFF = 2.0**-24
@@ -28,10 +28,6 @@ FLOAT32_ROUNDOFF = 2.0**-24
 BLOCK_VALUES = 1 << 18
 # Candidates offered at a time.
 OFFER_PAIRS = 1 << 14
-# Roundings of a normal and its offset from the frame's, relative to the triangle's extent, generously (gamma(32)).
-NORMAL_ROUNDOFF = 2.0**-48
-# Columns of a plane: unit-sized normal, offset, bound on the error of each.
-PLANE_COLUMNS = 5
 
 
 class MatrixForm:
@@ -45,7 +41,7 @@ class MatrixForm:
         pairs = [(corners[1], corners[2]), (corners[2], corners[0]), (corners[0], corners[1])]
         edges = [np.concatenate([cross(p, q), q - p]).T for p, q in pairs]
         self.edges = np.concatenate(edges).astype(np.float32)  # (3 t, 6)
-        self.planes = _make_planes(corners)  # (t, 5)
+        self.planes = make_planes(corners)  # (t, 7)
         self.sphere_ids = np.arange(count, primitives.geometry.first_id[-1])
 
     @np.errstate(all="ignore")
@@ -74,7 +70,8 @@ class MatrixForm:
         triangle, lane, inside = self._find_pairs(origin, direction)
         if not search.narrows:
             return lane + block.start, triangle
-        t, error = _meet_planes(self.planes.take(triangle, axis=0).T, origin[:, lane], direction[:, lane])
+        planes = self.planes.take(triangle, axis=0).T
+        t, error = meet_planes(planes, origin.take(lane, axis=1), direction.take(lane, axis=1))
         unit = -(self.frame.exponent + length[lane])
         low, high = np.ldexp(t - error, unit) - UNDERFLOW, np.ldexp(t + error, unit) + UNDERFLOW
         ray = lane + block.start
@@ -107,27 +104,36 @@ class MatrixForm:
         return triangle, lane, inside
 
 
-def _make_planes(corners: Floats) -> Floats:
-    """(t, 5) normal scaled to a largest component of 1, offset a . N and the error of both, of corners (3, 3, t)."""
+def make_planes(corners: Floats) -> Floats:
+    """(t, 7) normal N scaled to a largest component of 1, corner a, and a bound e on the roundings that N brings, of
+    corners (3, 3, t) in the frame.
+
+    A corner in the frame is off by u, so a side of at most s by u (2 + s); a component of N, two products of sides and
+    their difference, by 8 u s (1 + s), of which 9 covers the second order. Scaling adds u; `meet_planes` adds up to
+    5 u |N| where it multiplies by N.
+    """
     side_b, side_c = corners[1] - corners[0], corners[2] - corners[0]
     normal = cross(side_b, side_c)
     with np.errstate(all="ignore"):
         size = np.abs(normal).max(axis=0)
-        normal = normal / size
         extent = np.maximum(np.abs(side_b).max(axis=0), np.abs(side_c).max(axis=0))
-        error = NORMAL_ROUNDOFF * (1 + extent / size)
-    return np.stack([*normal, dot(corners[0], normal), error], axis=1)
+        error = UNIT_ROUNDOFF * (9 * extent * (1 + extent) / size + 7)
+        return np.stack([*(normal / size), *corners[0], error], axis=1)
 
 
-def _meet_planes(planes: Floats, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:
-    """t = (k - o . N) / (d . N) of planes (5, k) in the frame, and a bound on its error; infinite where there is none.
+def meet_planes(planes: Floats, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:
+    """t = T / D with T = w . N, w = a - o, D = d . N of planes (7, k) in the frame, and a bound on its error; infinite
+    where there is none.
 
-    N and k are off by e in each component: d . N by 3 e, k - o . N by (3 + 3 |o|) e, with |d|, |a| <= 1.
+    w is off by u (1 + |o|) + u |w|, so T by |w|_1 e + 4 u (1 + |o|), where |.|_1 sums components and |o| is the
+    largest; D by 3 e, as |d| <= 1; and the quotient by (e_T + |t| e_D) / (|D| - e_D) + u |t|.
     """
-    normal, offset, error = planes[:3], planes[3], planes[4]
+    normal, error = planes[:3], planes[6]
+    way = planes[3:6] - origin
     denominator = dot(direction, normal)
-    t = (offset - dot(origin, normal)) / denominator
-    reach = 1 + np.maximum(np.maximum(*np.abs(origin[:2])), np.abs(origin[2]))
-    room = np.abs(denominator) - 4 * error
-    bound = 4 * error * (reach + np.abs(t)) / room
-    return t, np.where(room > 0, bound, np.inf)
+    t = dot(way, normal) / denominator
+    steps = np.abs(way)
+    farthest = np.maximum(np.maximum(*np.abs(origin[:2])), np.abs(origin[2]))
+    room = np.abs(denominator) - 3 * error
+    bound = (steps[0] + steps[1] + steps[2] + 4 * np.abs(t)) * error + 4 * UNIT_ROUNDOFF * (1 + farthest)
+    return t, np.where(room > 0, bound / room, np.inf)

@@ -104,8 +104,8 @@ class Laying:
         """Pairs of triangle and tile, then of triangle and ray."""
         screen = self.screen
         table = self._make_rows(chosen)
-        low = first[:, chosen] >> TILE_BITS
-        wide, tall = (last[:, chosen] >> TILE_BITS) - low + 1
+        low = first.take(chosen, axis=1) >> TILE_BITS
+        wide, tall = (last.take(chosen, axis=1) >> TILE_BITS) - low + 1
         for run in _group_runs(wide * tall):
             item, step = _expand((wide * tall)[run])
             item += run.start
@@ -149,7 +149,7 @@ class Laying:
     def _lay_small(self, chosen: NDArray[np.intp], first: NDArray[np.int32], last: NDArray[np.int32]) -> None:
         """Rows of cells of each triangle's box, cut where a tile ends, then pairs of triangle and ray."""
         screen = self.screen
-        (x0, y0), (x1, y1) = first[:, chosen], last[:, chosen]
+        (x0, y0), (x1, y1) = first.take(chosen, axis=1), last.take(chosen, axis=1)
         if self.hides:
             index = np.flatnonzero(self._may_be_seen(chosen, x0, y0, x1, y1))
             chosen, x0, y0, x1, y1 = chosen[index], x0[index], y0[index], x1[index], y1[index]

@@ -159,7 +159,8 @@ class Search:
         lowest = np.minimum(np.minimum(edges[0], edges[1]), edges[2])
         index = np.flatnonzero(~((highest > bound) & (lowest < -bound)))
         inside = (lowest[index] > bound[index]) | (highest[index] < -bound[index])
-        corners, lines, ray, primitive_id = corners[:, :, index], lines[:, index], ray[index], primitive_id[index]
+        corners, lines = corners.take(index, axis=2), lines.take(index, axis=1)
+        ray, primitive_id = ray.take(index), primitive_id.take(index)
         direction, relative = lines[3:6], corners[0] - lines[:3]
         side_b, side_c = corners[1] - corners[0], corners[2] - corners[0]
         if not self.certified:
@@ -168,7 +169,7 @@ class Search:
         possible = np.ones(len(ray), dtype=bool)
         doubtful = np.flatnonzero(~inside)
         if len(doubtful):
-            lines, corners = lines[:, doubtful], corners[:, :, doubtful]
+            lines, corners = lines.take(doubtful, axis=1), corners.take(doubtful, axis=2)
             inside[doubtful], possible[doubtful] = judge_edges(lines, corners, self.closed)
         return self._weigh(ray, primitive_id, plane.t, plane.t_error, inside, possible)
 
@@ -278,14 +279,31 @@ class Search:
     def _measure_all(self, hits: Hits, chosen: Candidates) -> None:
         """Fill in the hits of rays with their one chosen candidate each; how it was chosen leaves no trace."""
         for start in range(0, len(chosen.ray), MEASURE_BLOCK):
-            block = chosen.select(slice(start, start + MEASURE_BLOCK))
-            self._measure(hits, block.ray, block.primitive_id, block.t)
-            if not self.certified:
-                continue
-            for k in np.flatnonzero(~(block.certain & np.isfinite(hits.distance_error[block.ray]))):
-                ray, decision = block.ray[k], self._decide(block, k, k + 1)
-                hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
-                hits.barycentric[ray] = decision.barycentric
+            block = slice(start, start + MEASURE_BLOCK)
+            self._measure(hits, chosen.ray[block], chosen.primitive_id[block], chosen.t[block])
+        if not self.certified:
+            return
+        self._narrow_bounds(hits, chosen)
+        for k in np.flatnonzero(~(chosen.certain & np.isfinite(hits.distance_error.take(chosen.ray)))):
+            ray, decision = chosen.ray[k], self._decide(chosen, k, k + 1)
+            hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
+            hits.barycentric[ray] = decision.barycentric
+
+    def _narrow_bounds(self, hits: Hits, chosen: Candidates) -> None:
+        """Measure triangles whose distance has a wide bound once more, in pairs."""
+        wide = refine.is_wide(hits.distance.take(chosen.ray), hits.distance_error.take(chosen.ray))
+        index = np.flatnonzero(wide & (chosen.primitive_id < self.primitives.geometry.sphere_id))
+        for start in range(0, len(index), MEASURE_BLOCK):
+            some = index[start : start + MEASURE_BLOCK]
+            ray = chosen.ray.take(some)
+            origin, direction = (
+                np.ascontiguousarray(vectors.take(ray, axis=0).T)
+                for vectors in (self.rays.origins, self.rays.directions)
+            )
+            corners = gather_corners(self.primitives, chosen.primitive_id.take(some)).reshape(3, 3, -1)
+            distance, error = refine.divide_determinants(origin, direction, corners[0], corners[1], corners[2])
+            better = ~(hits.distance_error[ray] <= error)
+            hits.distance[ray[better]], hits.distance_error[ray[better]] = distance[better], error[better]
 
     def _are_settled(self, left: Candidates, runs: NDArray[np.intp]) -> Booleans:
         """(g,) True for runs of one certain candidate, or of certain ones that all meet the ray in one point."""
@@ -351,7 +369,7 @@ class Search:
 
     def _measure_distance(self, lines: Floats, corners: NDArray) -> tuple[Floats, Floats]:
         if self.certified:
-            return refine.triangle_distance(lines[:3], lines[3:6], corners[0], corners[1], corners[2])
+            return refine.correct_distance(lines[:3], lines[3:6], corners[0], corners[1], corners[2])
         t = predicates.plane_distance(
             lines[3:6], corners[0] - lines[:3], corners[1] - corners[0], corners[2] - corners[0]
         )

@@ -76,8 +76,7 @@ def test_plane_distance_is_within_its_bound(rng, size, flatness):
         direction, corners[0] - origin, corners[1] - corners[0], corners[2] - corners[0]
     )
     refined = [
-        compute(origin, direction, *corners)
-        for compute in (refine.triangle_distance, refine.correct_distance, refine.divide_determinants)
+        compute(origin, direction, *corners) for compute in (refine.correct_distance, refine.divide_determinants)
     ]
     bounded = 0
     for k in range(origin.shape[1]):
