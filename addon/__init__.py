@@ -25,23 +25,25 @@ def __getattr__(name: str) -> Any:
 
 def register() -> None:
     """Add the render engine, its settings and its panels to Blender."""
-    from . import engine, inspector, panels, properties
+    from . import comparing, engine, inspector, panels, properties
 
     properties.register()
     engine.register()
     panels.register()
     inspector.register()
+    comparing.register()
     # Blender 4.2 crashes and 4.5 hangs when Python ends while a render engine is registered.
     atexit.register(unregister)
 
 
 def unregister() -> None:
     """Take out everything that `register` added."""
-    from . import engine, inspector, panels, properties
+    from . import comparing, engine, inspector, panels, properties
     from .casting import held
 
     atexit.unregister(unregister)
     held.unregister()
+    comparing.unregister()
     inspector.unregister()
     panels.unregister()
     engine.unregister()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate import build
 
-from ..extract import extract_scene
+from ..extract import Extraction, extract_scene
 from .aims import Aimed, aim_rays
 from .judge import Judge
 from .sides import Answers, Sides, cast_blender, cast_ours, key_of, measure_normal_error
@@ -78,7 +78,14 @@ def compare_with_ray_cast(
     scene: Any, depsgraph: Any, width: int, height: int, count: int, seed: int = 0
 ) -> tuple[RayCastComparison, Sides]:
     """Cast the camera's rays (width x height) and `count` rays of each other family of `aims` on both sides."""
-    extraction = extract_scene(depsgraph)
+    sides, extraction = make_sides(scene, depsgraph)
+    rays = aim_rays(sides.caster.geometry, extraction.scene.camera, width, height, count, seed)
+    return compare_sides(sides, rays, seed), sides
+
+
+def make_sides(scene: Any, depsgraph: Any, geometry_only: bool = False) -> tuple[Sides, Extraction]:
+    """Return both sides for what a depsgraph shows; geometry_only : as in `extract_scene`."""
+    extraction = extract_scene(depsgraph, geometry_only=geometry_only)
     assert extraction.scene.instances is not None
     matrices = extraction.scene.instances.world_from_object
     keys = [key_of(shown.name, matrix) for shown, matrix in zip(extraction.objects, matrices, strict=False)]
@@ -91,8 +98,7 @@ def compare_with_ray_cast(
         target_of_key=target_of_key,
         polygons=extraction.polygons,
     )
-    rays = aim_rays(sides.caster.geometry, extraction.scene.camera, width, height, count, seed)
-    return compare_sides(sides, rays, seed), sides
+    return sides, extraction
 
 
 def compare_sides(sides: Sides, rays: Aimed, seed: int = 0) -> RayCastComparison:

@@ -78,8 +78,7 @@ def describe_shadow(shadow: Shadow, names: Names) -> str:
     """Return whether a light is seen, in a sentence that begins with its name."""
     source = names.name_source(shadow)
     if shadow.is_blocked and shadow.blocker >= 0:
-        polygon = names.polygons[shadow.blocker, shadow.primitive]
-        return f"{source}: blocked by {names.objects[shadow.blocker]}, polygon {polygon}"
+        return f"{source}: blocked by {names.objects[shadow.blocker]}"
     if shadow.is_blocked:
         return f"{source}: blocked"
     if (shadow.share < 1).any():

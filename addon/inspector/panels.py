@@ -127,11 +127,11 @@ def find_chosen(context: Any) -> TracedRay | None:
     return inspected.tree[state.rays[state.ray_index].number]
 
 
-def draw_lines(layout: Any, lines: Iterable[Line]) -> None:
-    """Draw names with one value or three beside each."""
+def draw_lines(layout: Any, lines: Iterable[Line], factor: float = 0.3) -> None:
+    """Draw names, over a share `factor` of the width, with one value or three beside each."""
     column = layout.column(align=True)
     for name, values in lines:
-        row = column.split(factor=0.3)
+        row = column.split(factor=factor)
         label = row.column()
         label.alignment = "RIGHT"
         label.label(text=name)

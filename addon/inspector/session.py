@@ -57,9 +57,12 @@ def find_frame(scene: Any) -> tuple[int, int]:
     return max(1, int(scene.render.resolution_x * share)), max(1, int(scene.render.resolution_y * share))
 
 
-def inspect_pixel(depsgraph: Any, x: int, y: int) -> Inspected:
-    """Inspect the camera's ray through the centre of a pixel, column x and row y from the lower left corner."""
-    width, height = find_frame(depsgraph.scene_eval)
+def inspect_pixel(depsgraph: Any, x: int, y: int, frame: tuple[int, int] | None = None) -> Inspected:
+    """Inspect the camera's ray through the centre of a pixel, column x and row y from the lower left corner.
+
+    frame : width and height of the full picture, pixels; None takes the scene's
+    """
+    width, height = frame or find_frame(depsgraph.scene_eval)
     if not (0 <= x < width and 0 <= y < height):
         raise ValueError(f"pixel {x}, {y} lies outside of the picture of {width} x {height}")
     inspector, extraction = read_inspector(depsgraph)

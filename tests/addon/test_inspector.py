@@ -90,7 +90,7 @@ def test_shadow_names_the_lamp_and_what_blocks_it(room: Any) -> None:
     assert ray.hit is not None
     assert dict(describe.describe_hit(ray, ray.hit, inspected.names))["Polygon"] == ("1",)
     sentences = [describe.describe_shadow(shadow, inspected.names) for shadow in ray.shadows]
-    assert sentences == ["Ceiling lamp: blocked by Roof, polygon 1"]
+    assert sentences == ["Ceiling lamp: blocked by Roof"]
     (ray, *_) = inspect(22, 12).tree
     assert [describe.describe_shadow(shadow, inspected.names) for shadow in ray.shadows] == ["Ceiling lamp: visible"]
 

@@ -88,10 +88,8 @@ def test_package_holds_every_module_and_nothing_else(package: Path, tmp_path: Pa
         names = set(archive.namelist())
         wheel = next(name for name in names if name.startswith("wheels/"))
         archive.extract(wheel, tmp_path)
-    outside = {"__main__.py", "command_line.py", "render_command.py"}
     modules = {path.relative_to(ROOT / "addon").as_posix() for path in (ROOT / "addon").rglob("*.py")}
-    inside = {name for name in modules - outside if not name.startswith("compare/")}
-    assert names == inside | {"blender_manifest.toml", wheel}
+    assert names == modules - {"__main__.py"} | {"blender_manifest.toml", wheel}
     with zipfile.ZipFile(tmp_path / wheel) as archive:
         carried = {name for name in archive.namelist() if name.endswith(".py")}
     assert carried == {path.relative_to(ROOT).as_posix() for path in (ROOT / "raytracer").rglob("*.py")}

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable, Iterable
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -38,12 +39,12 @@ def register_addon() -> None:
 
 
 def play(steps: Iterable[Step]) -> None:
-    """Run steps in Blender's main loop."""
-    waiting = iter([*steps, finish])
+    """Run steps in Blender's main loop; each is asked for when the one before is done."""
+    waiting = chain(steps, [finish])
 
     def tick() -> float | None:
-        step = next(waiting)
         try:
+            step = next(waiting)
             return step() or STEP_SECONDS
         except BaseException:
             traceback.print_exc()
@@ -97,6 +98,14 @@ def show_tab(kind: str, category: str) -> tuple[Step, Step]:
         return 2 * STEP_SECONDS
 
     return show_sidebar, choose_tab
+
+
+def pin_panel(name: str) -> None:
+    """Let all panels of a tab but one, and those it needs, poll False, so that a picture shows it whole."""
+    panel = getattr(bpy.types, name)
+    panel.bl_options = set()
+    bpy.utils.unregister_class(panel)
+    bpy.utils.register_class(panel)
 
 
 def press(kind: str, x: float, y: float) -> None:
