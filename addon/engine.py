@@ -16,8 +16,9 @@ import bpy
 import raytracer
 from raytracer.workers import WorkerError
 
-from . import statistics, viewport
+from . import frames, statistics, viewport
 from .extract import Extraction, extract_scene
+from .frames import Frames
 from .output import Border, RenderOutput, read_border
 from .passes import declare_passes, enabled_passes
 from .properties import settings_keywords
@@ -29,6 +30,9 @@ ENGINE = "REFERENCE_RAYTRACER"
 TEXT_INTERVAL = 0.1
 PICTURE_INTERVAL = 0.5
 PICTURE_SHARE = 0.1
+
+# Light paths per pixel of Blender's previews of materials, worlds and lights.
+PREVIEW_SAMPLES = 16
 
 # Called with the finished share of the frame, 0 to 1; the command line's progress bar listens here.
 progress_listeners: list[Callable[[float], None]] = []
@@ -95,11 +99,14 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
     border = read_border(scene.render, engine.resolution_x, engine.resolution_y)
     with RenderOutput(engine, view_layer.name, border) as output:
         engine.update_stats("", "Reading the scene")
-        extraction = read_scene(depsgraph)
+        kept = frames.find_frames(engine, depsgraph)
+        extraction = read_scene(depsgraph, kept)
         warnings = (*map(str, extraction.warnings), *find_ignored_settings(scene))
         progress = Progress(engine, output, count_view_layers(scene))
-        film = trace(engine, extraction.scene, view_layer, scene, border, progress)
+        film = trace(engine, extraction.scene, depsgraph, border, progress, kept)
         output.write(film.passes)
+    if engine.is_preview:
+        return
     for warning in warnings:
         engine.report({"WARNING"}, warning)
     taken = statistics.Statistics(
@@ -119,30 +126,41 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
     statistics.record_view_layer(depsgraph.scene, taken, first=engine.layers_done == 0)
 
 
-def read_scene(depsgraph: Any) -> Extraction:
+def read_scene(depsgraph: Any, kept: Frames | None) -> Extraction:
     """Return what the depsgraph shows, or raise SceneError with the reason why it cannot be rendered."""
+    passes = enabled_passes(depsgraph.view_layer_eval)
     try:
-        return extract_scene(depsgraph, enabled_passes(depsgraph.view_layer_eval))
+        return extract_scene(depsgraph, passes, kept=kept.kept if kept else None)
     except ValueError as error:
         raise SceneError(str(error)) from error
 
 
 def trace(
-    engine: Any, scene: raytracer.Scene, view_layer: Any, settings: Any, border: Border, progress: Progress
+    engine: Any, scene: raytracer.Scene, depsgraph: Any, border: Border, progress: Progress, kept: Frames | None
 ) -> Any:
     """Return the film of one view layer."""
     engine.update_stats("", "Building")
-    return raytracer.render(
+    settings = settings_keywords(depsgraph.scene_eval)
+    if engine.is_preview:
+        settings |= {"samples": PREVIEW_SAMPLES, "workers": 1}  # to start workers would take longer
+    started = time.perf_counter()
+    caster = kept.build(scene, settings["precision"]) if kept else None
+    build_seconds = time.perf_counter() - started
+    film = raytracer.render(
         scene,
         engine.resolution_x,
         engine.resolution_y,
-        passes=enabled_passes(view_layer),
+        caster=caster,
+        passes=enabled_passes(depsgraph.view_layer_eval),
         border=border,
         on_pass=progress.show_pass,
         on_progress=progress.show_share,
         is_cancelled=engine.test_break,
-        **settings_keywords(settings),
+        **settings,
     )
+    if kept:
+        film.statistics.build_seconds = build_seconds
+    return film
 
 
 def count_view_layers(scene: Any) -> int:
@@ -215,10 +233,12 @@ def register() -> None:
     """Add the engine to Blender's list."""
     bpy.utils.register_class(ReferenceRaytracerEngine)
     viewport.register()
+    frames.register()
 
 
 def unregister() -> None:
     """Take the engine out of Blender's list and forget the renders of this session."""
     bpy.utils.unregister_class(ReferenceRaytracerEngine)
     viewport.unregister()
+    frames.unregister()
     statistics.forget_all()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import raytracer
 
-from ..extract.meshes import find_finite_triangles, read_array, read_attribute
+from ..extract.meshes import find_finite_triangles, open_mesh, read_array, read_attribute
 from ..extract.warnings import WarningList
 
 # A polygon's vertices in order, and how many triangles each polygon has, fix the triangles that Blender divides it
@@ -38,16 +38,9 @@ class Shape:
 
 
 def read_shape(source: Any, mesh: Any, last: Shape | None) -> Shape | None:
-    """Return the mesh of an evaluated object, `last` itself if nothing changed; None where there is nothing to hit.
-
-    A mesh that is being edited and has no modifiers lies in Blender's edit structures: it is converted for reading.
-    """
-    if not mesh.is_editmode:
-        return make_shape(mesh, False, last)
-    try:
-        return make_shape(source.to_mesh(), True, last)
-    finally:
-        source.to_mesh_clear()
+    """Return the mesh of an evaluated object, `last` itself if nothing changed; None where there is nothing to hit."""
+    with open_mesh(source, mesh) as opened:
+        return make_shape(opened, mesh.is_editmode, last)
 
 
 def make_shape(mesh: Any, is_edited: bool, last: Shape | None) -> Shape | None:
