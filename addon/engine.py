@@ -32,7 +32,7 @@ PICTURE_INTERVAL = 0.5
 PICTURE_SHARE = 0.1
 
 # Light paths per pixel of Blender's previews of materials, worlds and lights.
-PREVIEW_SAMPLES = 16
+PREVIEW_SAMPLES = 8
 
 # Called with the finished share of the frame, 0 to 1; the command line's progress bar listens here.
 progress_listeners: list[Callable[[float], None]] = []
@@ -48,6 +48,7 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
     bl_idname = ENGINE
     bl_label = "Reference Ray Tracer"
     bl_use_eevee_viewport = True  # Material Preview is drawn by EEVEE
+    bl_use_preview = True  # small pictures of materials, worlds and lights
 
     layers_done = 0
     failed = False  # an error in one view layer ends the frame, with one message instead of one for each layer

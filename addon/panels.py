@@ -24,7 +24,6 @@ from .statistics import Statistics, last_render
 LEFT_OUT = (
     "DATA_PT_camera_stereoscopy",
     "DATA_PT_light",
-    "DATA_PT_preview",
     "DATA_PT_volume_render",
     "EEVEE_MATERIAL_PT_viewport_settings",
     "NODE_DATA_PT_light",
@@ -39,6 +38,7 @@ BORROWED = (
     "EEVEE_MATERIAL_PT_context_material",
     "EEVEE_MATERIAL_PT_surface",
     "EEVEE_WORLD_PT_surface",
+    "MATERIAL_PT_preview",
 )
 
 
@@ -191,6 +191,24 @@ class RAYTRACER_VIEWLAYER_PT_passes(bpy.types.Panel):
                 column.prop(context.view_layer, stored.option, text=name)
 
 
+class RAYTRACER_WORLD_PT_preview(bpy.types.Panel):
+    """A small picture of the world; Blender's own panel is Cycles'."""
+
+    bl_label = "Preview"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+    COMPAT_ENGINES = {ENGINE}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return context.world is not None and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        self.layout.template_preview(context.world)
+
+
 class RAYTRACER_LIGHT_PT_tracing(bpy.types.Panel):
     """What EEVEE's panel of a light does not show."""
 
@@ -222,6 +240,7 @@ CLASSES = (
     RAYTRACER_RENDER_PT_warnings,
     RAYTRACER_VIEWLAYER_PT_passes,
     RAYTRACER_LIGHT_PT_tracing,
+    RAYTRACER_WORLD_PT_preview,
 )
 
 
