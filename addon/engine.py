@@ -17,7 +17,7 @@ import raytracer
 from raytracer.workers import WorkerError
 
 from . import frames, statistics, viewport
-from .extract import Extraction, extract_scene
+from .extract import Extraction, Warning, extract_scene
 from .frames import Frames
 from .output import Border, RenderOutput, read_border
 from .passes import declare_passes, enabled_passes
@@ -102,14 +102,14 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         engine.update_stats("", "Reading the scene")
         kept = frames.find_frames(engine, depsgraph)
         extraction = read_scene(depsgraph, kept)
-        warnings = (*map(str, extraction.warnings), *find_ignored_settings(scene))
+        warnings = (*extraction.warnings, *find_ignored_settings(scene))
         progress = Progress(engine, output, count_view_layers(scene))
         film = trace(engine, extraction.scene, depsgraph, border, progress, kept)
         output.write(film.passes)
     if engine.is_preview:
         return
     for warning in warnings:
-        engine.report({"WARNING"}, warning)
+        engine.report({"WARNING"}, str(warning))
     taken = statistics.Statistics(
         passes=enabled_passes(view_layer),
         width=border.width,
@@ -169,13 +169,13 @@ def count_view_layers(scene: Any) -> int:
     return sum(view_layer.use for view_layer in scene.view_layers)
 
 
-def find_ignored_settings(scene: Any) -> list[str]:
+def find_ignored_settings(scene: Any) -> list[Warning]:
     """Return one warning for each setting of `Scene.render` that the picture does not follow."""
     ignored = (
         (scene.render.use_multiview, "Stereoscopy is not supported: every view shows the same picture"),
         (scene.render.use_motion_blur, "Motion blur is not supported: the picture shows one moment"),
     )
-    return [text for is_used, text in ignored if is_used]
+    return [Warning(text) for is_used, text in ignored if is_used]
 
 
 class Progress:

@@ -215,7 +215,7 @@ def show_progress(label: str) -> Iterator[None]:
 def print_result(path: Path, taken: Any, as_json: bool) -> None:
     """Print the picture's path on standard output and its warnings on standard error, or all as one line of JSON."""
     if as_json:
-        values = asdict(taken)
+        values = {**asdict(taken), "warnings": list(map(str, taken.warnings))}
         print(json.dumps({key: values[key] for key in JSON_KEYS}), flush=True)
         return
     for warning in taken.warnings:

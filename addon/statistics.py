@@ -1,6 +1,6 @@
 """What the last render of each scene took, for the panel and the command line; never stored in the .blend.
 
-Imports nothing of Blender's.
+Imports `extract.warnings`, and nothing of Blender's own.
 """
 
 from __future__ import annotations
@@ -8,6 +8,8 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from typing import Any
+
+from .extract.warnings import Warning
 
 
 @dataclass(frozen=True)
@@ -22,7 +24,7 @@ class Statistics:
     build_seconds, trace_seconds : preparing the acceleration structure, tracing
     total_seconds : all of it, with reading the scene
     peak_memory_mb : the most memory that the process ever held, or None where the system does not tell
-    warnings : one line for each thing that was not rendered as the scene says
+    warnings : one for each thing that was not rendered as the scene says
     cancelled : True where the user stopped it
     """
 
@@ -36,7 +38,7 @@ class Statistics:
     trace_seconds: float
     total_seconds: float
     peak_memory_mb: float | None
-    warnings: tuple[str, ...]
+    warnings: tuple[Warning, ...]
     cancelled: bool = False
 
     @property

@@ -176,7 +176,7 @@ def test_stereoscopy_shows_the_same_picture_and_a_warning(stage: Any, tmp_path: 
     stage.render.image_settings.views_format = "INDIVIDUAL"
     stage.render.filepath = str(tmp_path / "a.png")
     bpy.ops.render.render(write_still=True)
-    assert any("Stereoscopy" in warning for warning in last_render(stage).warnings)
+    assert any("Stereoscopy" in warning.text for warning in last_render(stage).warnings)
     left, right = ((tmp_path / f"a_{view}.png").read_bytes() for view in "LR")
     assert left == right
 

@@ -1,0 +1,94 @@
+"""The tabs of light, object, material and world. Imports bpy."""
+
+# ruff: noqa: N801, RUF012  (Blender prescribes the form of class names and attributes)
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..extract.instances import RAY_VISIBILITY
+from .shared import EnginePanel, split
+
+# Objects that rays can meet.
+VISIBLE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "POINTCLOUD", "LIGHT"}
+
+
+class RAYTRACER_LIGHT_PT_tracing(EnginePanel, bpy.types.Panel):
+    """What EEVEE's panel of a light does not show."""
+
+    bl_label = "Ray Tracing"
+    bl_context = "data"
+    bl_parent_id = "DATA_PT_EEVEE_light"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return context.light is not None and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        column = split(self)
+        column.prop(context.light, "use_shadow", text="Cast Shadow")
+        if context.light.type == "AREA":
+            column.prop(context.light, "spread")
+
+
+class RAYTRACER_OBJECT_PT_ray_visibility(EnginePanel, bpy.types.Panel):
+    """Which rays meet an object."""
+
+    bl_label = "Ray Visibility"
+    bl_context = "object"
+    bl_parent_id = "OBJECT_PT_visibility"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        thing = context.object
+        is_visible = thing is not None and (thing.type in VISIBLE_TYPES or thing.instance_type == "COLLECTION")
+        return is_visible and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        column = split(self).column(align=True)
+        for name, label in RAY_VISIBILITY.items():
+            if label != "shadow" or context.object.type != "LIGHT":
+                column.prop(context.object, name, text=label.capitalize())
+
+
+class RAYTRACER_MATERIAL_PT_settings(EnginePanel, bpy.types.Panel):
+    """What of a material is not in its nodes."""
+
+    bl_label = "Settings"
+    bl_context = "material"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        material = context.material
+        return material is not None and not material.grease_pencil and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        column = split(self)
+        column.prop(context.material, "use_transparent_shadow", text="Transparent Shadows")
+        column.prop(context.material, "pass_index")
+
+
+class RAYTRACER_WORLD_PT_preview(EnginePanel, bpy.types.Panel):
+    """A small picture of the world; Blender's own panel is Cycles'."""
+
+    bl_label = "Preview"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return context.world is not None and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        self.layout.template_preview(context.world)
+
+
+CLASSES = (
+    RAYTRACER_LIGHT_PT_tracing,
+    RAYTRACER_OBJECT_PT_ray_visibility,
+    RAYTRACER_MATERIAL_PT_settings,
+    RAYTRACER_WORLD_PT_preview,
+)

@@ -1,0 +1,44 @@
+"""What panels have in common. Imports bpy."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+from ..engine import ENGINE
+
+
+class EnginePanel:
+    """A panel of the properties editor, shown for this engine."""
+
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    COMPAT_ENGINES = {ENGINE}  # noqa: RUF012  (Blender prescribes the form)
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return context.engine in cls.COMPAT_ENGINES
+
+
+class RenderPanel(EnginePanel):
+    """A panel of the render tab."""
+
+    bl_context = "render"
+
+
+def split(panel: Any) -> Any:
+    """Return a column with Blender's usual split of name and value."""
+    panel.layout.use_property_split = True
+    panel.layout.use_property_decorate = False
+    return panel.layout.column()
+
+
+def count_letters(context: Any) -> int:
+    """Return about how many letters fit beside an icon in the panel's width."""
+    letter_width = 7 * context.preferences.system.ui_scale
+    return max(20, int(context.region.width / letter_width) - 8)
+
+
+def wrap_text(text: str, width: int) -> list[str]:
+    """Return `text` in lines of at most `width` letters, broken at spaces; Blender's labels do not wrap."""
+    return textwrap.wrap(text, width) or [""]

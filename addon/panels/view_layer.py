@@ -1,0 +1,42 @@
+"""The tab of the view layer. Imports bpy."""
+
+# ruff: noqa: N801, RUF012  (Blender prescribes the form of class names and attributes)
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..passes import PASSES
+from .shared import EnginePanel, split
+
+
+class RAYTRACER_VIEWLAYER_PT_passes(EnginePanel, bpy.types.Panel):
+    """Which passes a view layer renders."""
+
+    bl_label = "Passes"
+    bl_context = "view_layer"
+
+    def draw(self, context: Any) -> None:
+        column = split(self).column(heading="Include", align=True)
+        for name, stored in PASSES.items():
+            if name != "Combined":
+                column.prop(context.view_layer, stored.option, text=name)
+
+
+class RAYTRACER_VIEWLAYER_PT_override(EnginePanel, bpy.types.Panel):
+    """What a view layer shows instead of the materials and the world of its scene."""
+
+    bl_label = "Override"
+    bl_context = "view_layer"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        column, layer = split(self), context.view_layer
+        column.prop(layer, "material_override", text="Material")
+        if "world_override" in layer.bl_rna.properties:
+            column.prop(layer, "world_override", text="World")
+
+
+CLASSES = (RAYTRACER_VIEWLAYER_PT_passes, RAYTRACER_VIEWLAYER_PT_override)
