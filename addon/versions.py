@@ -112,6 +112,11 @@ def has_simple_coats(version: tuple[int, ...] = VERSION) -> bool:
     return version < (5, 0)
 
 
+def default_shader(version: tuple[int, ...] = VERSION) -> str:
+    """Return the kind of closure that Cycles gives what has no material: diffuse in 4.2, principled in 5.0."""
+    return "principled" if version >= (5, 0) else "diffuse"
+
+
 def set_image_format(settings: Any, file_format: str) -> None:
     """Set an `ImageFormatSettings.file_format`; since 5.0 its kind of media comes first."""
     if hasattr(settings, "media_type"):

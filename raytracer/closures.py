@@ -140,8 +140,9 @@ class Shading:
         return total
 
     def average_normal(self) -> Floats:
-        """(n, 3) unit, the normals of all parts weighed by their weights, as far as a texture bends any of them."""
-        if not self.tilted:
+        """(n, 3) unit, the normals of all parts weighed by their weights: textures bend them, and lobes are tilted to
+        reflect to the surface's front."""
+        if not self.tilted and not self.lobes:
             return self.normal
         total = self.diffuse.mean(axis=1, keepdims=True) * self.normal
         for part in self.tilted:

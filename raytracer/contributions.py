@@ -89,9 +89,12 @@ def describe_surface(
     record.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
     opaque = shading.transparency[rows].mean(axis=1) <= 1.0 - OPAQUE_ENOUGH
     rows, row = rows[opaque], row[opaque]
-    record.set("Normal", row, shading.average_normal()[rows])
-    uv = np.zeros((len(surface), 2)) if surface.uv is None else surface.uv
-    record.set("UV", row, np.pad(uv[rows], ((0, 0), (0, 1)), constant_values=1.0))
+    if "Normal" in record.passes:
+        record.set("Normal", row, shading.average_normal()[rows])
+    if surface.uv is not None:
+        mapped = ~np.isnan(surface.uv[rows, 0])
+        uv = surface.uv[rows[mapped]]
+        record.set("UV", row[mapped], np.pad(uv, ((0, 0), (0, 1)), constant_values=1.0))
     record.settled[row] = True
 
 

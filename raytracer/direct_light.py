@@ -30,7 +30,7 @@ from raytracer.environment import Environment, environment_density, find_environ
 from raytracer.light_shapes import LightSamples
 from raytracer.lights import has_extent, sample_light
 from raytracer.materials import MaterialTable, find_transparency
-from raytracer.rays import Floats, Rays, Surface, join_rays
+from raytracer.rays import Booleans, Floats, Rays, Surface, join_rays
 from raytracer.records import SEEN_BY_ALL
 from raytracer.sampling import Sampler
 from raytracer.scatter import reflect_light
@@ -45,8 +45,9 @@ ALONE = -1
 Indices = NDArray[np.intp]
 Keys = NDArray[np.int32]
 Counts = NDArray[np.int32]
-# What shadow rays, after so many straight passages of their paths, let through: (n, 1) or (n, 3).
-Visibility = Callable[[Rays, Counts], Floats]
+# What shadow rays, after so many straight passages of their paths, let through: (n, 1) or (n, 3); where the third is
+# True, transparent surfaces let light through even if their material says that they stop it.
+Visibility = Callable[[Rays, Counts, Booleans], Floats]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -77,12 +78,14 @@ LightStage = Callable[[LitPoints], Aim]
 @dataclass(frozen=True, eq=False)
 class LightSource:
     """A source of light: the stage that samples it, how many numbered dimensions that takes, whether it throws shadows,
-    and the classes of rays that see it, which are the ways in which its light is reflected."""
+    the classes of rays that see it, which are the ways in which its light is reflected, and whether its light passes
+    transparent surfaces that stop that of others."""
 
     sample: LightStage
     dimensions: int
     cast_shadow: bool = True
     seen_by: int = SEEN_BY_ALL
+    unstopped: bool = False
 
 
 def lamp_source(light: Light, weigh: bool) -> LightSource:
@@ -145,7 +148,10 @@ def emitter_source(emitters: Emitters) -> LightSource:
 
 
 def world_source(environment: Environment) -> LightSource:
-    """The world: directions around the shading normal, and to where it is bright."""
+    """The world: directions around the shading normal, and to where it is bright.
+
+    Cycles looks for the light of an even world with paths alone, which go on behind all that is transparent.
+    """
 
     def sample(points: LitPoints) -> Aim:
         normal = points.shading.normal
@@ -156,7 +162,7 @@ def world_source(environment: Environment) -> LightSource:
         light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
         return Aim(light, _fill_keys(points, ALONE))
 
-    return LightSource(sample, 1)
+    return LightSource(sample, 1, unstopped=environment.program is None)
 
 
 # Shadow rays ---------------------------------------------------------------------------------------------------------
@@ -171,6 +177,7 @@ class ShadowRays:
     key : (k,) int32, as in Aim
     passages : (k,) int32, as in LitPoints
     rays : None where the source throws no shadows
+    unstopped : as in LightSource
     """
 
     row: Indices
@@ -178,6 +185,7 @@ class ShadowRays:
     key: Keys
     passages: Counts
     rays: Rays | None
+    unstopped: bool = False
 
 
 def aim_at_lights(
@@ -198,7 +206,7 @@ def aim_at_lights(
         light = reflect_light(points.shading, probabilities, aim.light, source.seen_by) * throughput
         lit = np.flatnonzero((aim.light.density > 0) & (light > 0).any(axis=1))
         rays = _aim(points.surface, aim.light, lit) if source.cast_shadow else None
-        aimed.append(ShadowRays(row[lit], light[lit], aim.key[lit], points.passages[lit], rays))
+        aimed.append(ShadowRays(row[lit], light[lit], aim.key[lit], points.passages[lit], rays, source.unstopped))
     return aimed
 
 
@@ -221,9 +229,12 @@ def cast_shadows(visibility: Visibility, aimed: Sequence[ShadowRays]) -> list[Fl
     rays = join_rays([record.rays for record in casting if record.rays is not None])
     key = np.concatenate([np.zeros(0, np.int32), *_number_keys(casting)])
     passages = np.concatenate([np.zeros(0, np.int32), *(record.passages for record in casting)])
+    unstopped = np.concatenate(
+        [np.zeros(0, np.bool_), *(np.full(len(record.row), record.unstopped) for record in casting)]
+    )
     seen = None
     for rows in _split_by_key(key):
-        part = visibility(rays.select(rows), passages[rows])
+        part = visibility(rays.select(rows), passages[rows], unstopped[rows])
         seen = np.empty((len(rays), part.shape[1])) if seen is None else seen
         seen[rows] = part
     shares, start = [], 0
@@ -260,7 +271,7 @@ def opaque_visibility(caster: Caster, cast: Cast | None = None) -> Visibility:
     cast : needed where some objects throw no shadows
     """
 
-    def see(rays: Rays, passages: Counts) -> Floats:
+    def see(rays: Rays, passages: Counts, unstopped: Booleans) -> Floats:
         if cast is not None:
             blocked = cast(rays, classify_shadows(rays)).hit
         else:
@@ -279,7 +290,13 @@ def transparent_visibility(cast: Cast, tables: SurfaceTables, materials: Materia
 
 
 def _see_through(
-    cast: Cast, tables: SurfaceTables, materials: MaterialTable, most: int, rays: Rays, passages: Counts
+    cast: Cast,
+    tables: SurfaceTables,
+    materials: MaterialTable,
+    most: int,
+    rays: Rays,
+    passages: Counts,
+    unstopped: Booleans,
 ) -> Floats:
     left = np.ones((len(rays), 3))
     rows = np.arange(len(rays))
@@ -288,7 +305,7 @@ def _see_through(
         met = np.flatnonzero(hits.hit)
         rays, hits, rows = rays.select(met), hits.select(met), rows[met]
         surface = make_surface(tables, rays, hits)
-        left[rows] *= find_transparency(materials, surface)
+        left[rows] *= find_transparency(materials, surface, unstopped[rows])
         left[rows[passages[rows] >= most]] = 0.0
         passages = passages + 1
         open_ = np.flatnonzero((left[rows] > 0).any(axis=1))

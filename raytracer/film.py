@@ -36,7 +36,7 @@ PASSES = {
     "Depth": Pass(1, from_centre=True, miss=1e10),  # metres along the camera's viewing axis
     "Position": Pass(3, from_centre=True),  # metres, world
     "Normal": Pass(3),  # shading normal, world, towards the ray
-    "UV": Pass(3),  # u, v, 1
+    "UV": Pass(3),  # u, v, 1; 0 on what has no uvs
     "Object Index": Pass(1, from_centre=True),
     "Material Index": Pass(1, from_centre=True),
     "Diffuse Color": Pass(3),

@@ -140,12 +140,16 @@ def find_radiance(table: MaterialTable, surface: Surface, path: LightPath | None
     return _sum_parts(table, recipes, surface, path, table.radiance, _radiance_of)
 
 
-def find_transparency(table: MaterialTable, surface: Surface) -> Floats:
-    """Return the share of light (n, 3) that shadow rays bring straight through n points of a surface."""
+def find_transparency(table: MaterialTable, surface: Surface, unstopped: Booleans | bool = False) -> Floats:
+    """Return the share of light (n, 3) that shadow rays bring straight through n points of a surface.
+
+    unstopped : (n,) or one for all, True for light that passes even materials that stop it
+    """
     recipes = table.computed.transparency if table.computed else {}
     path = describe_shadow_rays(len(surface)) if table.computed else None
     share = _sum_parts(table, recipes, surface, path, table.transparency, _transparency_of)
-    return np.where(table.stops_light[surface.material, np.newaxis], 0.0, share)
+    stopped = table.stops_light[surface.material] & np.logical_not(unstopped)
+    return np.where(stopped[:, np.newaxis], 0.0, share)
 
 
 def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None = None) -> Shading:

@@ -145,7 +145,7 @@ class Surface:
     front : (n,) bool, True where the ray arrived at the side that geometric_normal points to
     material : (n,) int32, index into the scene's materials
     instance, primitive : (n,) int32, as in Hits
-    uv : (n, 2) float64, or None where the scene has no uvs or nothing reads them
+    uv : (n, 2) float64, NaN where there are none; None where the scene has no uvs or nothing reads them
     barycentric : (n, 2) float64, as in Hits, or None where nothing reads it
     """
 

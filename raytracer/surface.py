@@ -298,9 +298,9 @@ def _interpolate_normals(
 
 
 def _interpolate_uvs(tables: SurfaceTables, hits: Hits, is_triangle: NDArray[np.bool_]) -> Floats:
-    """Return (n, 2) uvs, zero on spheres and on meshes that have none."""
+    """Return (n, 2) uvs, NaN on spheres and on meshes that have none."""
     assert tables.uvs is not None
-    uv = np.zeros((len(hits), 2))
+    uv = np.full((len(hits), 2), np.nan)
     rows = np.flatnonzero(is_triangle)
     mesh = tables.geometry.instance_mesh[hits.instance[rows]]
     has_uv = tables.uvs.first[mesh] >= 0

@@ -14,6 +14,8 @@ Abramowitz and Stegun, "Handbook of Mathematical Functions", 26.7.3-4 (Student's
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +25,8 @@ Booleans = NDArray[np.bool_]
 # Keeps the relative error finite where the reference is black (Rousselle et al. 2011, section 4).
 RELATIVE_MSE_OFFSET = 0.01
 TILE = 16
+# Noise alone exceeds so many of its standard errors in 1 of 370 tiles.
+NOISE_ERRORS = 3.0
 # Probability that the test rejects a picture whose expected values are equal.
 SIGNIFICANCE = 0.01
 # Pixels around a pixel whose variance speaks for it too, see `pool_variance`.
@@ -60,6 +64,32 @@ def average_tiles(image: Floats, size: int = TILE) -> Floats:
 def largest_tile_difference(image: Floats, reference: Floats, size: int = TILE) -> float:
     """Return the largest |difference| between the means of corresponding tiles; noise averages out, bias does not."""
     return float(np.abs(average_tiles(image, size) - average_tiles(reference, size)).max())
+
+
+class TileDifference(NamedTuple):
+    """The largest difference of a tile's mean, in any channel, and how much of such a difference noise explains.
+
+    error : of all tiles' the largest
+    noise : standard error of that difference
+    bias : the largest share of a tile's level by which its difference exceeds `NOISE_ERRORS` standard errors
+    """
+
+    error: float
+    noise: float
+    bias: float
+
+
+def measure_tiles(ours: Floats, theirs: Floats, size: int = TILE) -> TileDifference:
+    """Return how the tiles of two sets of batches (k, h, w, c) differ; a tile's level is the mean of its channels."""
+    tiles = [np.stack([average_tiles(batch, size) for batch in side]) for side in (ours, theirs)]
+    means = [side.mean(axis=0) for side in tiles]
+    noise = np.sqrt(sum(side.var(axis=0, ddof=1) / len(side) for side in tiles))
+    difference = np.abs(means[0] - means[1])
+    beyond = np.maximum(difference - NOISE_ERRORS * noise, 0.0)
+    level = np.broadcast_to(means[1].mean(axis=-1, keepdims=True), beyond.shape)
+    share = np.divide(beyond, level, out=np.where(beyond > 0, np.inf, 0.0), where=level > 0)
+    largest = np.unravel_index(difference.argmax(), difference.shape)
+    return TileDifference(float(difference[largest]), float(noise[largest]), float(share.max()))
 
 
 def student_tail(statistic: Floats, degrees: NDArray[np.integer]) -> Floats:

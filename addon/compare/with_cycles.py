@@ -20,7 +20,7 @@ from .picture import save_png, show_heat, show_linear
 from .rendering import Rendering, Request, render_both
 
 # Passes that hold one value per surface point, and those that hold one whole number.
-POINT_PASSES = ("Depth", "Position", "Normal")
+POINT_PASSES = ("Depth", "Position", "Normal", "UV", "Diffuse Color", "Emission")
 INDEX_PASSES = ("Object Index", "Material Index")
 # The narrowest filter that both engines know, pixels.
 CENTRE_WIDTH = 0.01
@@ -62,12 +62,15 @@ class CyclesComparison:
         """Return the numbers that the command line prints, one JSON object."""
         ours, cycles = self.ours.passes["Combined"][..., :3], self.cycles.passes["Combined"][..., :3]
         mean_ours, mean_cycles = ours.mean(axis=0, dtype=np.float64), cycles.mean(axis=0, dtype=np.float64)
+        tiles = metrics.measure_tiles(ours, cycles)
         return {
             "rmse": metrics.root_mean_square_error(mean_ours, mean_cycles),
             "rel_mse": metrics.relative_mean_square_error(mean_ours, mean_cycles),
             "flip": mean_flip(mean_ours, mean_cycles),
             "z_fail_share": metrics.share_failing_pixels(ours, cycles, self.samples),
             "tile_error": metrics.largest_tile_difference(mean_ours, mean_cycles),
+            "tile_noise": tiles.noise,
+            "tile_bias": tiles.bias,
             "passes": {name: difference.share for name, difference in self.passes.items()},
             "ours_seconds": self.ours.seconds,
             "cycles_seconds": self.cycles.seconds,
@@ -120,34 +123,51 @@ def compare_passes(scene: Any, view_layer: Any, width: int, height: int) -> dict
         passes=names,
     )
     ours, cycles = render_both(scene, view_layer, centres)
-    return {name: compare_pass(name, ours.passes[name], cycles.passes[name][0]) for name in names[1:]}
+    pairs = {name: (ours.passes[name], cycles.passes[name]) for name in names[1:]}
+    pairs["Alpha"] = ours.passes["Combined"][..., 3:], cycles.passes["Combined"][..., 3:]
+    return {name: compare_pass(name, *pair) for name, pair in pairs.items()}
 
 
 def compare_pass(name: str, ours: NDArray[np.floating], cycles: NDArray[np.floating]) -> PassDifference:
-    """Return where and by how much a pass of Cycles' (h, w, c) lies outside the range of ours (k, h, w, c).
+    """Return where and by how much a pass of both engines, (k, h, w, c) each, differs: the gap between their ranges.
 
-    Indices have to lie inside. Values may lie outside by the width of the range (the limb of a sphere), by `SAME_POINT`
-    of the step to the farthest neighbour (Cycles interpolates by float32 barycentric coordinates), by the steps in
-    which Cycles stores normals, and by float32 rounding of the largest value in the picture (a coordinate is the
-    rounded difference of larger ones).
+    Cycles' values have a range where chance decides, on what a transparent surface lets through; ours also where they
+    are seen beside the pixel's centre. Ranges of indices have to overlap. Where chance decides nearly always alike, it
+    is the neighbours that show it: such a pixel has to fail the test of means as well.
     """
     ours, cycles = ours.astype(np.float64), cycles.astype(np.float64)
     lowest, highest = ours.min(axis=0), ours.max(axis=0)
-    difference = np.maximum(np.maximum(lowest - cycles, cycles - highest), 0).max(axis=-1)
-    if name in INDEX_PASSES:
-        allowed = np.zeros_like(difference)
-    else:
-        surface = cycles[np.abs(cycles) < BACKGROUND_DEPTH]
-        rounding = metrics.float32_slack(metrics.FLOAT32_OPERATIONS) * np.abs(surface).max(initial=0.0)
-        point = np.maximum((highest - lowest).max(axis=-1), SAME_POINT * measure_largest_step(cycles))
-        allowed = point + rounding + (NORMAL_STORAGE if name == "Normal" else 0.0)
-    differing = ~(difference <= allowed)
-    return PassDifference(differing, float(difference[~differing].max(initial=0.0)), ours[0], cycles)
+    gap = np.maximum(np.maximum(lowest - cycles.max(axis=0), cycles.min(axis=0) - highest), 0).max(axis=-1)
+    width = (highest - lowest).max(axis=-1)
+    allowed = np.zeros_like(gap) if name in INDEX_PASSES else allow_difference(name, cycles[0], width)
+    differing = ~(gap <= allowed) & metrics.find_failing(ours, cycles, pool=metrics.POOL)
+    return PassDifference(differing, float(gap[~differing].max(initial=0.0)), ours[0], cycles[0])
+
+
+def allow_difference(name: str, cycles: NDArray[np.floating], width: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return (h, w) by how much values of a pass (h, w, c) may lie outside their ranges, of a `width` (h, w).
+
+    By the width of the range (the limb of a sphere), by `SAME_POINT` of the step to the farthest neighbour (Cycles
+    interpolates by float32 barycentric coordinates), by the steps in which Cycles stores normals, by what tables of
+    albedo are right to, and by float32 rounding of the largest value in the picture (a coordinate is the rounded
+    difference of larger ones).
+    """
+    surface = cycles[np.abs(cycles) < BACKGROUND_DEPTH]
+    rounding = metrics.float32_slack(metrics.FLOAT32_OPERATIONS) * np.abs(surface).max(initial=0.0)
+    allowed = np.maximum(width, SAME_POINT * measure_largest_step(cycles)) + rounding
+    if name == "Normal":
+        allowed += NORMAL_STORAGE
+    if name == "Diffuse Color":
+        allowed += ALBEDO_TABLES * np.abs(cycles).max(axis=-1)
+    return allowed
 
 
 # Cycles 5.2 stores a vertex normal in two words of 16 bits, on an octahedron: each is off by up to 1 / 65535, which
 # the way back to the sphere magnifies by up to the square root of 3.
 NORMAL_STORAGE = 2 * 3**0.5 / 65535
+# What a glossy layer leaves to the diffuse one under it is read from tables; ours are right to this share
+# (`raytracer.microfacet_albedo`), Cycles' are means of random samples, printed with six decimals.
+ALBEDO_TABLES = 1e-3
 # Cycles' depth where a ray hits nothing.
 BACKGROUND_DEPTH = 1e10
 

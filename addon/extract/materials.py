@@ -151,7 +151,7 @@ class MaterialTable:
         return [entry.record for entry in self.entries]
 
     def find_index(self, material: Any, object_name: str) -> int:
-        """Return the index of an evaluated material, or of the default grey for None."""
+        """Return the index of an evaluated material, or of Cycles' default, grey, for None."""
         identity = material.original.session_uid if material is not None else 0
         if not self.can_reuse(identity, object_name):
             self._add(self._read(material, identity, object_name))
@@ -174,7 +174,7 @@ class MaterialTable:
     def _read(self, material: Any, identity: int, object_name: str) -> MaterialEntry:
         own = WarningList()
         if material is None:
-            record = raytracer.Material((raytracer.Closure("diffuse", color=GREY),), name="default")
+            record = raytracer.Material((raytracer.Closure(versions.default_shader(), color=GREY),), name="default")
         else:
             record = extract_material(material, object_name, self.images, own)
         attributes = list_attributes(record.program) if record.program else ()

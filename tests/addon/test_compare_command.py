@@ -9,7 +9,14 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 SCENE = ROOT / "blend_scenes" / "hard_shadows.blend"
-CYCLES_KEYS = ["rmse", "rel_mse", "flip", "z_fail_share", "tile_error", "passes", "ours_seconds", "cycles_seconds"]
+PASSES = (
+    *("Depth", "Position", "Normal", "UV", "Diffuse Color", "Emission"),
+    *("Object Index", "Material Index", "Alpha"),
+)
+CYCLES_KEYS = [
+    *("rmse", "rel_mse", "flip", "z_fail_share", "tile_error", "tile_noise", "tile_bias"),
+    *("passes", "ours_seconds", "cycles_seconds"),
+]
 RAY_CAST_KEYS = [
     *("rays", "wrong_hit", "wrong_object", "wrong_polygon", "max_position_error", "max_normal_error"),
     *("judged", "ours_wrong", "blender_wrong", "ours_seconds", "blender_seconds"),
@@ -27,7 +34,7 @@ def test_comparison_with_cycles_prints_json_and_writes_three_panels(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     numbers = json.loads(done.stdout)
     assert list(numbers) == CYCLES_KEYS
-    assert numbers["passes"] == dict.fromkeys(("Depth", "Position", "Normal", "Object Index", "Material Index"), 0.0)
+    assert numbers["passes"] == dict.fromkeys(PASSES, 0.0)
     assert 0 < numbers["flip"] < 1
     # The size of a PNG stands big-endian after the signature and the first chunk's head.
     assert int.from_bytes(out.read_bytes()[16:20], "big") == 3 * 24

@@ -33,6 +33,24 @@ def test_tiles_cover_pictures_that_are_no_multiple_of_the_tile():
     np.testing.assert_allclose(tiles[1, 2], image[16:, 32:].mean(axis=(0, 1)), rtol=1e-14)
 
 
+def test_measured_tiles_tell_noise_from_bias(rng):
+    """Known noise: the standard error is known; a bias of 10 of them shows as what lies beyond 3."""
+    batches, sigma, level = 64, 0.32, 2.0
+    sides = [level + rng.normal(0, sigma, (batches, 32, 32, 1)) for _ in range(2)]
+    expected = sigma / 16 * np.sqrt(2 / batches)
+    noise_alone = metrics.measure_tiles(*sides)
+    means = [side.mean(axis=0) for side in sides]
+    assert noise_alone.error == pytest.approx(metrics.largest_tile_difference(*means), rel=1e-9)
+    # The estimate of a standard deviation from n numbers is off by about 1 / sqrt(2 n).
+    assert noise_alone.noise == pytest.approx(expected, rel=4 / np.sqrt(2 * batches))
+    assert noise_alone.bias == 0.0
+    sides[0][:, 16:, :16] += 10 * expected
+    biased = metrics.measure_tiles(*sides)
+    assert biased.bias == pytest.approx(7 * expected / level, rel=0.5)
+    assert metrics.measure_tiles(np.zeros((2, 4, 4, 3)), np.zeros((2, 4, 4, 3))).bias == 0.0
+    assert metrics.measure_tiles(np.ones((2, 4, 4, 3)), np.zeros((2, 4, 4, 3))).bias == np.inf
+
+
 def test_tile_difference_finds_a_local_bias():
     image = np.zeros((64, 64, 3))
     image[16:32, 48:64, 1] = 0.25

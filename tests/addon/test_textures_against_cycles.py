@@ -156,6 +156,16 @@ def test_a_pane_without_transparent_shadow_stops_the_light_as_in_cycles() -> Non
     assert np.abs(seen[True] - seen[False]).max() > 0.1
 
 
+def test_a_pane_without_transparent_shadow_lets_the_light_of_an_even_world_pass_as_in_cycles() -> None:
+    """Cycles takes an even world's light from paths alone, and those go on behind what stops shadow rays."""
+    scene = make_stage()
+    building.set_world((1.0, 0.9, 0.8), 1.0)
+    material = make_material(lambda tree: shader(tree, "Transparent", Color=noise(tree, output="Color")))
+    material.use_transparent_shadow = False
+    building.link_object("Pane", building.make_plane("Pane", 4, 4), (0, 0, 1.5), materials=[material])
+    assert_pictures_agree(scene, samples=16)
+
+
 def test_a_surface_that_only_shadow_rays_pass_agrees() -> None:
     """The usual trick with Light Path: seen as diffuse, and without a shadow."""
     make_stage()

@@ -182,7 +182,7 @@ def test_make_surface_gathers_materials_and_uvs_of_meshes_instances_and_spheres(
         assert surface.material[0] == material
         has_uv = instance in (0, 2)
         weights = [0.25, 1.0] if primitive == 0 else [0.5, 0.5]
-        np.testing.assert_allclose(surface.uv[0], weights if has_uv else [0, 0])
+        np.testing.assert_allclose(surface.uv[0], weights if has_uv else [np.nan, np.nan])
 
 
 def test_make_surface_normal_of_a_tiny_triangle_does_not_underflow():
