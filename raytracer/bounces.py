@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.rays import Booleans, Floats
+from raytracer.rows import sum_columns
 from raytracer.settings import Settings
 
 Kinds = NDArray[np.uint8]
@@ -43,7 +44,7 @@ def count_bounces(counts: Counts, kind: Kinds) -> Counts:
 
 def find_ended(counts: Counts, settings: Settings) -> Booleans:
     """Return (n,) True for paths that have taken one bounce more than any limit allows: they only see what shines."""
-    ended: Booleans = counts.sum(axis=1) > settings.max_bounces
+    ended: Booleans = sum_columns(counts) > settings.max_bounces
     for column, name in enumerate(COUNTED):
         ended |= counts[:, column] > getattr(settings, f"{name}_bounces")
     return ended
@@ -68,7 +69,7 @@ def describe_kinds(kind: Kinds, counts: Counts) -> dict[str, Floats]:
         "singular": (kind & SINGULAR) > 0,
         "reflection": (kind != STRAIGHT) & ~transmitted,
         "transmission": transmitted,
-        "depth": counts.sum(axis=1),
+        "depth": sum_columns(counts),
         **{f"{name}_depth": counts[:, column] for column, name in enumerate(COUNTED)},
     }
     return {name: values.astype(np.float64) for name, values in flags.items()}

@@ -23,6 +23,7 @@ from raytracer.material_records import CLOSURE_VECTORS
 from raytracer.microfacet import Microfacets, tilt_to_reflect
 from raytracer.programs import Register
 from raytracer.rays import Floats
+from raytracer.rows import mean_column, take_rows
 from raytracer.scene import CLOSURE_COLORS, Closure
 
 Rows = NDArray[np.int64]
@@ -63,7 +64,7 @@ class Closures:
 
     def select(self, rows: Any) -> Closures:
         """Return some of the closures: index or boolean array."""
-        computed = {name: values[rows] for name, values in self.computed.items()}
+        computed = {name: take_rows(values, rows) for name, values in self.computed.items()}
         return Closures(self.columns, self.rows[rows], computed)
 
 
@@ -144,12 +145,12 @@ class Shading:
         reflect to the surface's front."""
         if not self.tilted and not self.lobes:
             return self.normal
-        total = self.diffuse.mean(axis=1, keepdims=True) * self.normal
+        total = mean_column(self.diffuse)[:, np.newaxis] * self.normal
         for part in self.tilted:
             side = -part.normal if part.transmits else part.normal
-            total[part.hit] += part.albedo.mean(axis=1, keepdims=True) * side
+            total[part.hit] += mean_column(part.albedo)[:, np.newaxis] * side
         for lobes in self.lobes:
-            total[lobes.hit] += lobes.weight.mean(axis=1, keepdims=True) * lobes.normal
+            total[lobes.hit] += mean_column(lobes.weight)[:, np.newaxis] * lobes.normal
         return np.where((total != 0).any(axis=1, keepdims=True), normalize(total), self.normal)
 
 
@@ -165,7 +166,7 @@ class Points:
     tilted: list[TiltedDiffuse] = field(default_factory=list)
 
     def select(self, part: NDArray[np.bool_]) -> Points:
-        vectors = {name: values[part] for name, values in self.vectors.items()}
+        vectors = {name: take_rows(values, part) for name, values in self.vectors.items()}
         return Points(self.rows[part], self.front[part], self.shading, vectors, self.tilted)
 
     @property
@@ -176,11 +177,11 @@ class Points:
     @property
     def outgoing(self) -> Floats:
         """(k, 3) directions to where the rays came from."""
-        return self.shading.outgoing[self.rows]
+        return take_rows(self.shading.outgoing, self.rows)
 
     def find_normal(self, name: str) -> Floats:
         """Return the normals (k, 3) of a name, or the surface's where closures have none."""
-        return self.vectors[name] if name in self.vectors else self.shading.normal[self.rows]
+        return self.vectors[name] if name in self.vectors else take_rows(self.shading.normal, self.rows)
 
     def add_diffuse(self, albedo: Floats) -> None:
         """Add Lambertian parts of albedo (k, 3)."""

@@ -15,6 +15,7 @@ from raytracer.lecture import length
 from raytracer.lights import evaluate_light
 from raytracer.paths import Paths, Record
 from raytracer.rays import Floats, Hits, Surface
+from raytracer.rows import mean_column
 from raytracer.scatter import power_heuristic
 from raytracer.scene import Light
 from raytracer.sites import LightPath
@@ -32,7 +33,7 @@ def add_background(integrator: Integrator, record: Record, paths: Paths, hits: H
     """Rays that hit nothing see the world; where it is left out of the picture, what is seen straight is alpha."""
     missed = paths.select(np.flatnonzero(~hits.hit))
     if integrator.settings.transparent:
-        record.background[missed.row[missed.direct]] += missed.throughput[missed.direct].mean(axis=1)
+        record.background[missed.row[missed.direct]] += mean_column(missed.throughput[missed.direct])
         missed = missed.select(~missed.direct)
     if integrator.background is not None and len(missed):
         directions = missed.rays.directions
@@ -70,7 +71,7 @@ def cut_holes(integrator: Integrator, record: Record, paths: Paths, hits: Hits) 
         return paths, hits
     cut = paths.direct & integrator.holdout[hits.instance]
     if integrator.settings.transparent:
-        record.background[paths.row[cut]] += paths.throughput[cut].mean(axis=1)
+        record.background[paths.row[cut]] += mean_column(paths.throughput[cut])
     return paths.select(~cut), hits.select(~cut)
 
 
@@ -87,7 +88,7 @@ def describe_surface(
     record.set("Position", row, surface.position[rows])
     record.set("Object Index", row, integrator.pass_index[surface.instance[rows]])
     record.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
-    opaque = shading.transparency[rows].mean(axis=1) <= 1.0 - OPAQUE_ENOUGH
+    opaque = mean_column(shading.transparency[rows]) <= 1.0 - OPAQUE_ENOUGH
     rows, row = rows[opaque], row[opaque]
     if "Normal" in record.passes:
         record.set("Normal", row, shading.average_normal()[rows])

@@ -32,6 +32,7 @@ from raytracer.lights import has_extent, sample_light
 from raytracer.materials import MaterialTable, find_transparency
 from raytracer.rays import Booleans, Floats, Rays, Surface, join_rays
 from raytracer.records import SEEN_BY_ALL
+from raytracer.rows import any_column, take_rows
 from raytracer.sampling import Sampler
 from raytracer.scatter import reflect_light
 from raytracer.scene import Light
@@ -204,9 +205,10 @@ def aim_at_lights(
         aim = source.sample(points)
         points = replace(points, sampler=points.sampler.skip(source.dimensions))
         light = reflect_light(points.shading, probabilities, aim.light, source.seen_by) * throughput
-        lit = np.flatnonzero((aim.light.density > 0) & (light > 0).any(axis=1))
+        lit = np.flatnonzero((aim.light.density > 0) & any_column(light > 0))
         rays = _aim(points.surface, aim.light, lit) if source.cast_shadow else None
-        aimed.append(ShadowRays(row[lit], light[lit], aim.key[lit], points.passages[lit], rays, source.unstopped))
+        light = take_rows(light, lit)
+        aimed.append(ShadowRays(row[lit], light, aim.key[lit], points.passages[lit], rays, source.unstopped))
     return aimed
 
 
@@ -308,7 +310,7 @@ def _see_through(
         left[rows] *= find_transparency(materials, surface, unstopped[rows])
         left[rows[passages[rows] >= most]] = 0.0
         passages = passages + 1
-        open_ = np.flatnonzero((left[rows] > 0).any(axis=1))
+        open_ = np.flatnonzero(any_column(left[rows] > 0))
         rays, surface, rows = rays.select(open_), surface.select(open_), rows[open_]
         reach = rays.t_max - hits.distance[open_]
         rays = Rays(spawn_origin(surface, rays.directions), rays.directions, np.zeros(len(rows)), np.maximum(reach, 0))

@@ -25,6 +25,7 @@ from raytracer.light_shapes import (
     sphere_density,
 )
 from raytracer.rays import Floats, Hits, Integers, Rays, Surface
+from raytracer.rows import any_column, mean_column, take_rows
 from raytracer.surface import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate, make_surface
 
 # Emitters seen closer to edge-on than this light nothing that a float64 could tell from 0; keeps their distance finite.
@@ -46,6 +47,9 @@ class Emitters:
     """All emissive primitives of a scene.
 
     instance, primitive : (k,) int32, as in Hits
+    material : (k,) int32
+    corners : (k, 3 corners, 3) float64, world, and normal : (k, 3) float64, unit, of triangles; 0 for spheres
+    error : (k,) float64, metres, bound on the error of a point on the triangle
     cumulative : (k,) float64, running sum of the shares of power, ending at 1
     power_density : (materials,) float64, the material's mean radiance times pi over the total power: the share of a
         primitive of area A is A times this
@@ -57,6 +61,10 @@ class Emitters:
     tables: SurfaceTables
     instance: Integers
     primitive: Integers
+    material: Integers
+    corners: Floats
+    normal: Floats
+    error: Floats
     cumulative: Floats
     power_density: Floats
     radiance: Floats
@@ -76,9 +84,9 @@ class Emitters:
 
 def make_emitters(tables: SurfaceTables, radiance: Floats, find_radiance: RadianceAt | None = None) -> Emitters:
     """Collect the primitives whose material has radiance (materials, 3) above 0, or NaN: `find_radiance` tells."""
-    varies = np.isnan(radiance).any(axis=1)
+    varies = any_column(np.isnan(radiance))
     radiance = np.where(varies[:, np.newaxis], 1.0, radiance)
-    emitters = _collect(tables, radiance, radiance.mean(axis=1))
+    emitters = _collect(tables, radiance, mean_column(radiance))
     if find_radiance is None or not varies.any():
         return emitters
     mean = _estimate_means(emitters, varies, find_radiance)
@@ -92,13 +100,21 @@ def _collect(tables: SurfaceTables, radiance: Floats, mean: Floats) -> Emitters:
         [np.zeros(0, np.int32), *(np.full(len(rows), k, np.int32) for k, rows in enumerate(found))]
     )
     primitive = np.concatenate([np.zeros(0, np.int32), *found])
-    power = _areas(tables, instance, primitive) * mean[_materials(tables, instance, primitive)]
+    material = _materials(tables, instance, primitive)
+    corners = _gather_corners(tables, instance, primitive)
+    power = _areas(tables, instance, primitive, corners) * mean[material]
     total = power.sum()
     shining = power > 0  # a triangle without area cannot be picked
+    a, b, c = (corners[shining, k] for k in range(3))
+    magnitude = np.maximum(np.maximum(length(a), length(b)), length(c))
     return Emitters(
         tables=tables,
         instance=instance[shining],
         primitive=primitive[shining],
+        material=material[shining],
+        corners=corners[shining],
+        normal=normalize(cross(b - a, c - a)),
+        error=INTERPOLATION_ERROR * magnitude + CASTER_ERROR * np.maximum(length(b - a), length(c - a)),
         cumulative=np.cumsum(power[shining]) / total if total > 0 else power[shining],
         power_density=mean / total if total > 0 else np.zeros_like(mean),
         radiance=radiance,
@@ -108,8 +124,8 @@ def _collect(tables: SurfaceTables, radiance: Floats, mean: Floats) -> Emitters:
 def _estimate_means(emitters: Emitters, varies: NDArray[np.bool_], find_radiance: RadianceAt) -> Floats:
     """Return about the mean radiance of each material (materials,): of those that vary from ESTIMATE_POINTS of their
     points; never 0, for they may shine elsewhere."""
-    mean = emitters.radiance.mean(axis=1)
-    material = _materials(emitters.tables, emitters.instance, emitters.primitive)
+    mean = mean_column(emitters.radiance)
+    material = emitters.material
     numbers = (np.arange(ESTIMATE_POINTS)[:, np.newaxis] + 0.5) * GOLDEN_STEPS % 1.0
     for number in np.flatnonzero(varies):
         rows = np.flatnonzero(material == number)
@@ -145,7 +161,7 @@ def vary_radiance(
     of `surface`; pair : the uniform numbers (n, 2) of the place."""
     if emitters.varies is None or emitters.find_radiance is None:
         return
-    material = _materials(emitters.tables, emitters.instance[picked], emitters.primitive[picked])
+    material = emitters.material[picked]
     rows = np.flatnonzero(emitters.varies[material] & (light.density > 0))
     if not len(rows):
         return
@@ -160,7 +176,7 @@ def _find_emissive(tables: SurfaceTables, record: int, radiance: Floats) -> Inte
     count = int(np.diff(tables.geometry.first_id)[record])
     primitives = np.arange(count, dtype=np.int32)
     material = _materials(tables, np.full(count, record, dtype=np.int32), primitives)
-    return primitives[(radiance[material] > 0).any(axis=1)]
+    return primitives[any_column(radiance[material] > 0)]
 
 
 def _materials(tables: SurfaceTables, instance: Integers, primitive: Integers) -> Integers:
@@ -171,12 +187,19 @@ def _spheres(tables: SurfaceTables, instance: Integers, primitive: Integers) -> 
     return tables.geometry.first_id[instance] + primitive - tables.geometry.sphere_id
 
 
-def _areas(tables: SurfaceTables, instance: Integers, primitive: Integers) -> Floats:
-    """Return the area of each primitive: |(b - a) x (c - a)| / 2, or 4 pi r^2."""
-    areas = np.empty(len(instance))
+def _gather_corners(tables: SurfaceTables, instance: Integers, primitive: Integers) -> Floats:
+    """Return the world corners (k, 3 corners, 3) of triangles, 0 for spheres."""
+    corners = np.zeros((len(instance), 3, 3))
     flat = instance < tables.instance_count
-    a, b, c = world_corners(tables.geometry, instance[flat], primitive[flat])
-    areas[flat] = length(cross(b - a, c - a)) / 2.0
+    corners[flat] = np.stack(world_corners(tables.geometry, instance[flat], primitive[flat]), axis=1)
+    return corners
+
+
+def _areas(tables: SurfaceTables, instance: Integers, primitive: Integers, corners: Floats) -> Floats:
+    """Return the area of each primitive: |(b - a) x (c - a)| / 2, or 4 pi r^2."""
+    a, b, c = (corners[:, k] for k in range(3))
+    areas = length(cross(b - a, c - a)) / 2.0
+    flat = instance < tables.instance_count
     areas[~flat] = 4.0 * np.pi * tables.geometry.radii[_spheres(tables, instance[~flat], primitive[~flat])] ** 2
     return areas
 
@@ -242,18 +265,16 @@ class EmitterPoints:
 
 def place_on_triangles(emitters: Emitters, picked: NDArray[np.intp], pair: Floats) -> EmitterPoints:
     """Return points even on the triangles `picked` (n,), beta = sqrt(u) (1 - v), gamma = sqrt(u) v."""
-    instance, primitive = emitters.instance[picked], emitters.primitive[picked]
-    a, b, c = world_corners(emitters.tables.geometry, instance, primitive)
+    corners = take_rows(emitters.corners, picked)
     root = np.sqrt(pair[:, 0])
     weights = np.stack([root * (1.0 - pair[:, 1]), root * pair[:, 1]], axis=1)
-    magnitude = np.maximum(np.maximum(length(a), length(b)), length(c))
-    material = _materials(emitters.tables, instance, primitive)
+    material = emitters.material[picked]
     return EmitterPoints(
-        position=interpolate(weights, a, b, c),
-        normal=normalize(cross(b - a, c - a)),
-        error=INTERPOLATION_ERROR * magnitude + CASTER_ERROR * np.maximum(length(b - a), length(c - a)),
+        position=interpolate(weights, corners[:, 0], corners[:, 1], corners[:, 2]),
+        normal=take_rows(emitters.normal, picked),
+        error=emitters.error[picked],
         density=emitters.power_density[material],
-        radiance=emitters.radiance[material],
+        radiance=take_rows(emitters.radiance, material),
     )
 
 
@@ -288,7 +309,7 @@ def _aim_at_spheres(emitters: Emitters, surface: Surface, picked: NDArray[np.int
     cosine = np.abs(dot(direction, offset - distance[:, np.newaxis] * direction)) / radii
     error = INTERPOLATION_ERROR * length(tables.geometry.centres[sphere]) + CASTER_ERROR * radii
     density = emitter_density(emitters, surface.position, direction, instance, primitive)
-    weight = divide_rows(emitters.radiance[_materials(tables, instance, primitive)], density)
+    weight = divide_rows(emitters.radiance[emitters.material[picked]], density)
     return LightSamples(direction, _stop_before(distance, cosine, error, surface.position_error), weight, density)
 
 
@@ -300,14 +321,15 @@ def emitter_density(
     tables = emitters.tables
     share_per_area = emitters.power_density[_materials(tables, instance, primitive)]
     density = np.zeros(len(instance))
-    flat = np.flatnonzero(instance < tables.instance_count)
+    shines = share_per_area > 0
+    flat = np.flatnonzero(shines & (instance < tables.instance_count))
     if len(flat):
         a, b, c = world_corners(tables.geometry, instance[flat], primitive[flat])
         normal = normalize(cross(b - a, c - a))
         slope = dot(directions[flat], normal)
         distance = np.divide(dot(a - origins[flat], normal), slope, out=np.zeros(len(flat)), where=slope != 0)
         density[flat] = np.divide(distance**2, np.abs(slope), out=np.zeros(len(flat)), where=slope != 0)
-    round_ = np.flatnonzero(instance >= tables.instance_count)
+    round_ = np.flatnonzero(shines & (instance >= tables.instance_count))
     if len(round_):
         sphere = _spheres(tables, instance[round_], primitive[round_])
         offset, radii = tables.geometry.centres[sphere] - origins[round_], tables.geometry.radii[sphere]

@@ -34,6 +34,7 @@ from raytracer.direct_light import LitPoints, ShadowRays, aim_at_lights, cast_sh
 from raytracer.materials import make_shading
 from raytracer.paths import Paths, Record, advance, join_paths, start_paths, start_record
 from raytracer.rays import Booleans, Floats, Hits, Rays, Surface
+from raytracer.rows import any_column, sum_columns
 from raytracer.sampling import PixelSamples, Sampler, share_samples
 from raytracer.scatter import Continuation, option_probabilities, sample_continuation
 from raytracer.stages import CHOICE, FIRST_SOURCE, WAY, Integrator
@@ -141,7 +142,7 @@ def weigh_options(integrator: Integrator, paths: Paths, shading: Shading, ended:
     probabilities = option_probabilities(shading, integrator.interreflects)
     if ended.any():
         open_ = ended & ~find_closed(integrator, paths)
-        probabilities[ended, 0] = (open_ & (shading.transparency > 0).any(axis=1))[ended]
+        probabilities[ended, 0] = (open_ & any_column(shading.transparency > 0))[ended]
         probabilities[ended, 1:] = 0.0
     if integrator.interreflects and integrator.emitters is None:
         first = 1 + len(shading.lobes)
@@ -161,7 +162,7 @@ def cut_short(integrator: Integrator, paths: Paths, way: Continuation, sampler: 
         way.weight[find_ended(counts, integrator.settings)] = 0.0
     if not integrator.interreflects:
         return way
-    rows = np.flatnonzero(way.alive & (counts.sum(axis=1) > CERTAIN_BOUNCES))
+    rows = np.flatnonzero(way.alive & (sum_columns(counts) > CERTAIN_BOUNCES))
     probability = survival_probability(paths.throughput[rows] * way.weight[rows])
     survives = sampler.select(rows).uniform() < probability
     way.weight[rows] = np.where(survives, 1.0 / probability, 0.0)[:, np.newaxis] * way.weight[rows]

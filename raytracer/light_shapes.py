@@ -18,6 +18,7 @@ import numpy as np
 from raytracer.frames import normalize, to_world
 from raytracer.lecture import dot, intersect_sphere
 from raytracer.rays import Booleans, Floats
+from raytracer.rows import any_column
 
 # Below this solid angle a rectangle is sampled evenly on its area: its solid angle is a difference of angles of order 1
 # and would keep fewer than 40 bits, while cos / distance^2 hardly changes over so small a rectangle.
@@ -69,7 +70,7 @@ def miss_where(missed: Booleans, distance: Floats, radiance: Floats, density: Fl
 
 
 def without_extent(direction: Floats, distance: Floats, irradiance: Floats) -> LightSamples:
-    lit = (irradiance > 0).any(axis=1)
+    lit = any_column(irradiance > 0)
     return LightSamples(direction, distance, irradiance, np.where(lit, np.inf, 0.0))
 
 

@@ -20,6 +20,7 @@ from raytracer.facets import Stretch, make_stretch, rotate
 from raytracer.microfacet import CONSTANT, Microfacets, evaluate_fresnel
 from raytracer.microfacet_albedo import compensate, read_glass, read_reflection
 from raytracer.rays import Floats
+from raytracer.rows import any_column, mean_column
 
 # Cycles' limit: with a relative index of refraction this close to 1 light passes straight on, and the half vector of
 # refraction, eta i + o, is not defined.
@@ -111,7 +112,7 @@ def make_lobes(
     """
     normal, cosine = points.specular_normal(normal_name)
     cosine = np.clip(cosine, 0.0, 1.0)
-    refracts = (facets.transmission > 0).any(axis=1)
+    refracts = any_column(facets.transmission > 0)
     bends = np.abs(eta - 1.0) >= SMALLEST_ETA_STEP
     roughness = grain.roughness
     lobes = Microfacets(
@@ -158,7 +159,7 @@ def _estimate_albedo(lobes: Microfacets, cosine: Floats) -> Floats:
     facets are met at other angles; refraction keeps its full share in total reflection.
     """
     reflected, passed = evaluate_fresnel(lobes, cosine)
-    tints = (lobes.reflection + lobes.transmission).mean(axis=1)
-    smooth = (reflected + passed).mean(axis=1)
+    tints = mean_column(lobes.reflection + lobes.transmission)
+    smooth = mean_column(reflected + passed)
     smooth = np.where(lobes.fresnel == CONSTANT, tints, smooth)
     return np.where(lobes.is_perfect, smooth, np.maximum(smooth, SMALLEST_PICK * tints))

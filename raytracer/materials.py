@@ -22,6 +22,7 @@ from raytracer.frames import normalize
 from raytracer.material_records import CLOSURE_VECTORS
 from raytracer.microfacet import Microfacets
 from raytracer.rays import Booleans, Floats, Integers, Surface
+from raytracer.rows import any_column
 from raytracer.scattering import SCATTERING
 from raytracer.scene import CLOSURE_KINDS, Closure, Scene
 from raytracer.site_tables import SiteTables
@@ -121,7 +122,7 @@ def _sum_parts(
     total = constant[surface.material]
     if table.computed is None:
         return total
-    rows = np.flatnonzero(np.isnan(total).any(axis=1))
+    rows = np.flatnonzero(any_column(np.isnan(total)))
     if not len(rows):
         return total
     columns = compute_columns(table.computed, recipes, surface, path) if known is None else known

@@ -33,6 +33,7 @@ from raytracer.facets import (
 from raytracer.frames import make_frame, normalize, reflect
 from raytracer.lecture import dot
 from raytracer.rays import Booleans, Floats
+from raytracer.rows import any_column, mean_column, take_rows
 
 # Cycles' limit: below it (squared alpha 2e-10) a lobe is a perfect mirror or clear glass.
 SMALLEST_ALPHA = 2e-10**0.5
@@ -80,7 +81,8 @@ class Microfacets:
     def select(self, rows: Any) -> Microfacets:
         """Return some of the lobes: index or boolean array."""
         stretch = None if self.stretch is None else self.stretch.select(rows)
-        return dataclasses.replace(self, stretch=stretch, **{name: getattr(self, name)[rows] for name in ROW_FIELDS})
+        fields: dict[str, Any] = {name: take_rows(getattr(self, name), rows) for name in ROW_FIELDS}
+        return dataclasses.replace(self, stretch=stretch, **fields)
 
     @property
     def is_perfect(self) -> Booleans:
@@ -225,7 +227,7 @@ def evaluate_microfacets(
         visible = cos_out * cos_facet / np.where(possible, cos_half_out, 1.0)
     value = np.where(passes[:, np.newaxis], transmittance, reflectance)
     choice = _reflection_probability(reflectance, transmittance)
-    sampled = ((dot(geometric_normal, incoming) < 0) == passes) & (value > 0).any(axis=1)
+    sampled = ((dot(geometric_normal, incoming) < 0) == passes) & any_column(value > 0)
     density = np.where(sampled, common * np.where(passes, 1.0 - choice, choice) * visible, 0.0)
     return lobes.weight * value * (common / (1.0 + facets.shadow_out + facets.shadow_in))[:, np.newaxis], density
 
@@ -256,7 +258,7 @@ def _describe_facets(lobes: Microfacets, half: _Seen, outgoing: _Seen, incoming:
 
 def _reflection_probability(reflectance: Floats, transmittance: Floats) -> Floats:
     """Return the probability (m,) with which sampling reflects: its share of the light; 1 where all is black."""
-    reflected, passed = reflectance.mean(axis=1), transmittance.mean(axis=1)
+    reflected, passed = mean_column(reflectance), mean_column(transmittance)
     both = reflected + passed
     return np.divide(reflected, both, out=np.ones_like(both), where=both > 0)
 
@@ -292,7 +294,7 @@ def sample_microfacets(
     through = refract(outgoing, half, lobes.eta)
     direction = np.where(passes[:, np.newaxis], through, reflect(outgoing, half))
     light = np.where(passes[:, np.newaxis], transmittance, reflectance)
-    valid = (dot(lobes.normal, outgoing) > 0) & (light > 0).any(axis=1)
+    valid = (dot(lobes.normal, outgoing) > 0) & any_column(light > 0)
     for normal in (lobes.normal, geometric_normal):
         valid &= (dot(normal, direction) < 0) == passes
     taken = np.where(passes, 1.0 - probability, probability)[:, np.newaxis]

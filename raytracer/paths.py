@@ -17,6 +17,7 @@ from raytracer.closures import Shading
 from raytracer.film import PASSES
 from raytracer.lecture import length
 from raytracer.rays import Booleans, Floats, Hits, Rays, Surface, join_rays
+from raytracer.rows import take_rows
 from raytracer.scatter import Continuation
 from raytracer.settings import Settings
 from raytracer.surface import spawn_origin
@@ -64,12 +65,12 @@ class Paths:
         return Paths(
             self.row[rows],
             self.rays.select(rows),
-            self.throughput[rows],
+            take_rows(self.throughput, rows),
             self.kind[rows],
-            self.bounces[rows],
+            take_rows(self.bounces, rows),
             self.passages[rows],
-            self.scatter_origin[rows],
-            self.scatter_normal[rows],
+            take_rows(self.scatter_origin, rows),
+            take_rows(self.scatter_normal, rows),
             self.density[rows],
             self.rarest[rows],
             self.travelled[rows],
@@ -148,19 +149,20 @@ def start_record(settings: Settings, rays: Rays) -> Record:
 def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: Continuation) -> Paths:
     """Return the paths that go on, at the start of their next stretch."""
     alive = np.flatnonzero(way.alive)
-    old, direction, kind, passes = paths.select(alive), way.direction[alive], way.kind[alive], way.passes[alive]
+    old, direction = paths.select(alive), take_rows(way.direction, alive)
+    kind, passes = way.kind[alive], way.passes[alive]
     surface, count = surface.select(alive), len(alive)
     stretch = hits.distance[alive] * length(old.rays.directions)
     scattered = ~passes[:, np.newaxis]
     return replace(
         old,
         rays=Rays(spawn_origin(surface, direction), direction, np.zeros(count), np.full(count, np.inf)),
-        throughput=old.throughput * way.weight[alive],
+        throughput=old.throughput * take_rows(way.weight, alive),
         kind=np.where(passes, old.kind, kind),
         bounces=count_bounces(old.bounces, kind),
         passages=old.passages + passes,
         scatter_origin=np.where(scattered, surface.position, old.scatter_origin),
-        scatter_normal=np.where(scattered, shading.normal[alive], old.scatter_normal),
+        scatter_normal=np.where(scattered, take_rows(shading.normal, alive), old.scatter_normal),
         density=np.where(passes, old.density, way.density[alive]),
         rarest=np.minimum(old.rarest, way.density[alive]),
         travelled=np.where(passes, old.travelled + stretch, 0.0),

@@ -30,6 +30,7 @@ from raytracer.microfacet import (
 )
 from raytracer.microfacet_albedo import mean_dielectric_reflectance, read_reflection, read_schlick_share
 from raytracer.rays import Floats
+from raytracer.rows import any_column, largest_column
 
 # Cycles drops closures of a smaller weight.
 SMALLEST_WEIGHT = 1e-5
@@ -77,12 +78,12 @@ def add_matte(closures: Closures, points: Points, albedo: Floats, color: Floats,
 
 def _leave_under(weight: Floats, albedo: Floats) -> Floats:
     """Return the weight (k, 3) left under a layer that sends `albedo` (k, 3) of it on: even, by the largest channel."""
-    return weight * np.clip(1.0 - albedo.max(axis=1, keepdims=True), 0.0, 1.0)
+    return weight * np.clip(1.0 - largest_column(albedo)[:, np.newaxis], 0.0, 1.0)
 
 
 def _add_sheen(closures: Closures, points: Points, weight: Floats) -> Floats:
     """Add fibres on top, and return the weight left under them."""
-    part = (closures.sheen_weight > SMALLEST_WEIGHT) & (weight > 0).any(axis=1)
+    part = (closures.sheen_weight > SMALLEST_WEIGHT) & any_column(weight > 0)
     some, where = closures.select(part), points.select(part)
     normal = where.normal
     if "coat_normal" in where.vectors:
@@ -98,7 +99,7 @@ def _add_sheen(closures: Closures, points: Points, weight: Floats) -> Floats:
 
 def _make_coat(closures: Closures, points: Points, weight: Floats) -> tuple[Microfacets, Floats]:
     """Return clear varnish, and the weight left under it, tinted by its depth along the view: tint^(1 / cos)."""
-    part = (closures.coat_weight > SMALLEST_WEIGHT) & (weight > 0).any(axis=1)
+    part = (closures.coat_weight > SMALLEST_WEIGHT) & any_column(weight > 0)
     some, where = closures.select(part), points.select(part)
     eta, amount = some.coat_ior, some.coat_weight[:, np.newaxis]
     f0 = np.repeat(normal_reflectance(eta)[:, np.newaxis], 3, axis=1)
@@ -118,7 +119,7 @@ def _make_coat(closures: Closures, points: Points, weight: Floats) -> tuple[Micr
 
 def _make_metal(closures: Closures, points: Points, weight: Floats) -> Microfacets:
     """Reflectance from the base colour at normal incidence to white at the border, tinted at 82 degrees."""
-    part = (closures.metallic > SMALLEST_WEIGHT) & (weight > 0).any(axis=1)
+    part = (closures.metallic > SMALLEST_WEIGHT) & any_column(weight > 0)
     some, where = closures.select(part), points.select(part)
     f0 = np.minimum(some.color, 1.0)
     f82 = metal_coefficient(f0, np.minimum(some.specular_tint, 1.0))
@@ -130,7 +131,7 @@ def _make_metal(closures: Closures, points: Points, weight: Floats) -> Microface
 
 def _make_glass(closures: Closures, points: Points, weight: Floats) -> Microfacets:
     """Glass whose base colour tints each passage by its square root, so that a solid has it once."""
-    part = (closures.transmission > SMALLEST_WEIGHT) & (weight > 0).any(axis=1)
+    part = (closures.transmission > SMALLEST_WEIGHT) & any_column(weight > 0)
     some, where = closures.select(part), points.select(part)
     tint = np.sqrt(np.minimum(some.color, 1.0))
     f0 = np.minimum(normal_reflectance(some.ior)[:, np.newaxis] * some.specular_tint, 1.0)
@@ -141,7 +142,7 @@ def _make_glass(closures: Closures, points: Points, weight: Floats) -> Microface
 def _make_specular(closures: Closures, points: Points, weight: Floats) -> tuple[Microfacets, Floats]:
     """Return the dielectric reflection on top, and the weight (k, 3) left for what lies under it."""
     eta, f0 = _specular_level(closures.ior, closures.specular)
-    part = (eta != 1.0) & (weight > 0).any(axis=1)
+    part = (eta != 1.0) & any_column(weight > 0)
     some, where = closures.select(part), points.select(part)
     plain, eta = weight[part], eta[part]
     tinted = np.minimum(f0[part, np.newaxis] * some.specular_tint, 1.0)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.checks import as_array
+from raytracer.rows import take_rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
@@ -26,7 +27,7 @@ Record = TypeVar("Record")
 def _select_rows(record: Record, rows: Any) -> Record:
     """Return the record with every array cut down to `rows`; None stays None."""
     arrays = (getattr(record, item.name) for item in fields(record))  # type: ignore[arg-type]
-    return type(record)(*(None if array is None else array[rows] for array in arrays))
+    return type(record)(*(None if array is None else take_rows(array, rows) for array in arrays))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -26,6 +26,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.rows import sum_columns
+
 Floats = NDArray[np.float64]
 Words = NDArray[np.uint32]
 
@@ -277,5 +279,5 @@ def sample_cosine_hemisphere(pair: Floats) -> Floats:
     (n, 3) float64, unit, z >= 0
     """
     disk = sample_disk(pair)
-    height = np.sqrt(np.maximum(0.0, 1.0 - (disk * disk).sum(axis=1)))
+    height = np.sqrt(np.maximum(0.0, 1.0 - sum_columns(disk * disk)))
     return np.concatenate([disk, height[:, np.newaxis]], axis=1)

@@ -26,6 +26,7 @@ from raytracer.light_shapes import LightSamples
 from raytracer.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
 from raytracer.rays import Booleans, Floats
 from raytracer.records import SEEN_BY, SEEN_BY_ALL
+from raytracer.rows import any_column, mean_column, sum_columns, take_rows
 from raytracer.sampling import sample_cosine_hemisphere
 
 # The classes of rays that no surface reflects.
@@ -57,7 +58,7 @@ class Continuation:
     @property
     def alive(self) -> Booleans:
         """(n,) True where the path goes on."""
-        return (self.weight > 0).any(axis=1)
+        return any_column(self.weight > 0)
 
 
 def option_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
@@ -67,20 +68,15 @@ def option_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats
     """
     count = 1 + len(shading.lobes)
     shares = np.zeros((len(shading), count + (1 + len(shading.tilted) if with_diffuse else 0)))
-    shares[:, 0] = _mean_channel(shading.transparency)
+    shares[:, 0] = mean_column(shading.transparency)
     for column, lobes in enumerate(shading.lobes, start=1):
-        shares[lobes.hit, column] = _mean_channel(lobes.weight) * lobes.albedo
+        shares[lobes.hit, column] = mean_column(lobes.weight) * lobes.albedo
     if with_diffuse:
-        shares[:, count] = _mean_channel(shading.diffuse)
+        shares[:, count] = mean_column(shading.diffuse)
         for column, part in enumerate(shading.tilted, start=count + 1):
-            shares[part.hit, column] = _mean_channel(part.albedo)
-    total = shares.sum(axis=1, keepdims=True)
+            shares[part.hit, column] = mean_column(part.albedo)
+    total = sum_columns(shares)[:, np.newaxis]
     return np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
-
-
-def _mean_channel(color: Floats) -> Floats:
-    """The mean (n,) of the channels of (n, 3), column by column: a reduction over three columns is slower by far."""
-    return (color[:, 0] + color[:, 1] + color[:, 2]) / 3.0
 
 
 def follows_diffuse(shading: Shading, probabilities: Floats) -> bool:
@@ -96,7 +92,7 @@ def evaluate_lobes(shading: Shading, probabilities: Floats, incoming: Floats) ->
         lobes = _select_facing(shading, lobes, incoming)
         rows = lobes.hit
         value, lobe_density = evaluate_microfacets(
-            lobes, shading.outgoing[rows], incoming[rows], shading.geometric_normal[rows]
+            lobes, *(take_rows(vectors, rows) for vectors in (shading.outgoing, incoming, shading.geometric_normal))
         )
         specular[rows] += value
         density[rows] += probabilities[rows, column] * lobe_density
@@ -165,8 +161,8 @@ def _leave_out_hidden(shading: Shading, probabilities: Floats, seen_by: int) -> 
     probabilities, first = probabilities.copy(), 1 + len(shading.lobes)
     kept = []
     for column, lobes in enumerate(shading.lobes, start=1):
-        glossy = (lobes.reflection > 0).any(axis=1) & bool(seen_by & SEEN_BY["glossy"])
-        through = (lobes.transmission > 0).any(axis=1) & bool(seen_by & SEEN_BY["transmission"])
+        glossy = any_column(lobes.reflection > 0) & bool(seen_by & SEEN_BY["glossy"])
+        through = any_column(lobes.transmission > 0) & bool(seen_by & SEEN_BY["transmission"])
         kept.append(lobes.select(np.flatnonzero(glossy | through)))
         probabilities[lobes.hit[~(glossy | through)], column] = 0.0
     diffuse, tilted = shading.diffuse, []
@@ -209,9 +205,7 @@ def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Mi
     """Return the lobes that may send light from `incoming` (n, 3) back: perfect ones never, others to the side of the
     surface that they reflect or transmit to."""
     above = dot(lobes.normal, incoming.take(lobes.hit, axis=0)) > 0
-    facing = ~lobes.is_perfect & np.where(
-        above, (lobes.reflection > 0).any(axis=1), (lobes.transmission > 0).any(axis=1)
-    )
+    facing = ~lobes.is_perfect & np.where(above, any_column(lobes.reflection > 0), any_column(lobes.transmission > 0))
     return lobes if facing.all() else lobes.select(np.flatnonzero(facing))
 
 
@@ -225,7 +219,7 @@ def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats,
     option, rest = _choose_option(probabilities, choice)
     way = Continuation(-shading.outgoing, np.zeros((count, 3)), np.full(count, np.inf), np.zeros(count, dtype=np.uint8))
     straight = np.flatnonzero(option == 0)
-    way.weight[straight] = shading.transparency[straight] / probabilities[straight, 0:1]
+    way.weight[straight] = take_rows(shading.transparency, straight) / probabilities[straight, 0:1]
     spread = np.zeros(count, dtype=np.bool_)
     for column, lobes in enumerate(shading.lobes, start=1):
         lobes = lobes.select(option[lobes.hit] == column)
@@ -237,7 +231,7 @@ def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats,
         value, density = evaluate_options(shading, probabilities, way.direction)
         found = np.flatnonzero(spread & (density > 0))
         way.density[found] = density[found]
-        way.weight[found] = value[found] / density[found, np.newaxis]
+        way.weight[found] = take_rows(value, found) / density[found, np.newaxis]
     return way
 
 
@@ -252,7 +246,8 @@ def _sample_lobes(
 ) -> None:
     """Fill in the directions of the points that take a lobe, and mark those (`spread`) that wait for their weights."""
     rows = lobes.hit
-    sample = sample_microfacets(lobes, shading.outgoing[rows], shading.geometric_normal[rows], rest[rows], pair[rows])
+    outgoing, normal = take_rows(shading.outgoing, rows), take_rows(shading.geometric_normal, rows)
+    sample = sample_microfacets(lobes, outgoing, normal, rest[rows], take_rows(pair, rows))
     way.direction[rows] = sample.direction
     perfect = sample.valid & sample.perfect
     way.weight[rows] = np.where(perfect[:, np.newaxis], sample.weight / probability[:, np.newaxis], 0.0)
@@ -274,7 +269,7 @@ def _sample_diffuse(
             normal[part.hit[taken]] = part.normal[taken]
             way.kind[part.hit[taken]] = DIFFUSE | TRANSMITTED if part.transmits else DIFFUSE
     rows = np.flatnonzero(option >= first)
-    way.direction[rows] = to_world(sample_cosine_hemisphere(pair[rows]), normal[rows])
+    way.direction[rows] = to_world(sample_cosine_hemisphere(take_rows(pair, rows)), take_rows(normal, rows))
     way.kind[rows] |= DIFFUSE
     spread[rows] = True
 

@@ -22,6 +22,7 @@ from raytracer.accelerate.geometry import Geometry, join_id, split_id, world_cor
 from raytracer.frames import normalize
 from raytracer.lecture import cross, dot, length, point_on_line
 from raytracer.rays import Floats, Hits, Integers, Rays, Surface
+from raytracer.rows import any_column
 from raytracer.scene import Mesh, Scene
 
 UNIT_ROUNDOFF = 2.0**-53
@@ -291,7 +292,7 @@ def _interpolate_normals(
     matrices = tables.normal_from_object[instance[smooth]]  # (k, 3, 3)
     world = normalize(dot(matrices, normalize(local)[:, np.newaxis, :]))
     world = np.where(tables.mirrored[instance[smooth], np.newaxis], -world, world)
-    usable = (world != 0).any(axis=1)
+    usable = any_column(world != 0)
     shading = geometric.copy()
     shading[smooth[usable]] = world[usable]
     return shading

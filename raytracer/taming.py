@@ -20,6 +20,7 @@ from raytracer.closures import Shading
 from raytracer.facets import Stretch
 from raytracer.microfacet import Microfacets
 from raytracer.rays import Floats
+from raytracer.rows import sum_columns
 from raytracer.settings import Settings
 
 # The limits are means of the three channels; sums are compared.
@@ -35,7 +36,7 @@ def find_limits(settings: Settings, counts: Counts, aimed: bool) -> Floats:
         the point before, after one bounce still
     """
     direct, indirect = (limit * CHANNELS if limit > 0 else np.inf for limit in _list_limits(settings))
-    return np.where(counts.sum(axis=1) <= (0 if aimed else 1), direct, indirect)
+    return np.where(sum_columns(counts) <= (0 if aimed else 1), direct, indirect)
 
 
 def _list_limits(settings: Settings) -> tuple[float, float]:
