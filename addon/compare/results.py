@@ -16,6 +16,8 @@ Floats = NDArray[np.floating]
 # Entries of the list; pixels closer than this to a worse one are left out, or one spot would fill it.
 MOST_WORST = 32
 APART = 3
+# On the map of rays, what is brighter is a different surface.
+LARGEST_HEAT = 0.5
 # What is said of points that cannot be compared; JSON has no infinity.
 FARTHEST = 1e30
 
@@ -94,16 +96,15 @@ def find_worst(heat: Floats) -> list[tuple[int, int, float]]:
 def make_ray_cast_outcome(comparison: Any, width: int, height: int) -> Outcome:
     """Return the outcome of a `with_ray_cast.RayCastComparison`.
 
-    The map has 1 where the two sides hit different things; elsewhere the distance of their points, as a share of the
-    largest.
+    The map has 1 where the two sides hit different things; elsewhere the distance of their points, as a share of
+    the largest that a camera ray has, times LARGEST_HEAT.
     """
     differs = ~comparison.agreeing & ((comparison.ours.target >= 0) | (comparison.blender.target >= 0))
     error = np.where(differs, np.inf, np.nan_to_num(comparison.position_error))
-    largest = error[np.isfinite(error)].max(initial=0.0)
-    shown = np.where(differs, 1.0, error / largest * 0.75 if largest > 0 else 0.0)
-    camera = np.flatnonzero(comparison.rays.family == "camera")
+    camera = error[comparison.rays.family == "camera"]  # they come first
+    largest = camera[np.isfinite(camera)].max(initial=0.0)
     heat = np.zeros(width * height, dtype=np.float32)
-    heat[: len(camera)] = shown[camera]
+    heat[: len(camera)] = np.where(np.isinf(camera), 1.0, LARGEST_HEAT * camera / (largest or 1.0))
     order = np.argsort(-error, kind="stable")[:MOST_WORST]
     worst = [describe_ray(comparison, int(ray), float(error[ray]), width) for ray in order if error[ray] > 0]
     return Outcome("ray_cast", comparison.summarise(), heat.reshape(height, width)[::-1], worst)

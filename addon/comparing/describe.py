@@ -53,7 +53,7 @@ def describe_exact(verdict: Verdict) -> Iterator[Line]:
         yield "Exact", ("the ray hits nothing",)
         return
     yield "Exact t", (format_fraction(verdict.exact_distance),)
-    yield "Denominator", (f"{len(str(verdict.exact_distance.denominator))} digits",)
+    yield "Fraction", (f"a denominator of {len(str(verdict.exact_distance.denominator))} digits",)
     yield "Exact hit", (name_surfaces(verdict.exact_surfaces),)
 
 
@@ -69,8 +69,11 @@ def describe_verdict(verdict: Verdict) -> Iterator[Line]:
 
 
 def name_surfaces(surfaces: Surfaces) -> str:
-    """Return the polygons that a ray hits first."""
-    return " or ".join(f"{name}, polygon {polygon}" for name, polygon in sorted(surfaces)) or "nothing"
+    """Return the polygons that a ray hits first; the numbers of one object together."""
+    numbers: dict[str, list[str]] = {}
+    for name, polygon in sorted(surfaces):
+        numbers.setdefault(name, []).append(str(polygon))
+    return " or ".join(f"{name}, polygon {' or '.join(own)}" for name, own in numbers.items()) or "nothing"
 
 
 def format_fraction(number: Fraction) -> str:

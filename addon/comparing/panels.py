@@ -64,7 +64,7 @@ class RAYTRACER_RENDER_PT_compare(bpy.types.Panel):
             return
         layout = self.layout
         layout.label(text="Against Cycles" if outcome.kind == "cycles" else "Against ray_cast")
-        draw_lines(layout, describe_numbers(outcome.kind, outcome.numbers), factor=0.4)
+        draw_lines(layout, describe_numbers(outcome.kind, outcome.numbers), factor=0.5)
         if IMAGE_NAME in bpy.data.images:
             layout.operator("raytracer.show_difference", icon="IMAGE_DATA")
         if outcome.worst:

@@ -13,8 +13,22 @@ import bpy
 sys.path.insert(0, str(Path(__file__).parent))
 import stage
 
-stage.register_addon()
 WAIT_SECONDS = 120.0
+
+
+def open_compare() -> None:
+    """Let the panel Compare start open, and the others closed."""
+    stage.import_addon()
+    from addon import comparing, panels
+
+    for panel in panels.CLASSES:
+        if getattr(panel, "bl_context", "") == "render":
+            panel.bl_options = {"DEFAULT_CLOSED"}
+    comparing.panels.RAYTRACER_RENDER_PT_compare.bl_options = set()
+
+
+open_compare()
+stage.register_addon()
 
 
 def prepare() -> float:
@@ -36,9 +50,8 @@ def prepare() -> float:
     return 1.0
 
 
-def fold_panels() -> float:
-    """Move everything but Compare out of the way."""
-    stage.pin_panel("RAYTRACER_RENDER_PT_compare")
+def choose_size() -> float:
+    """Set what the panel asks for; remember what must stay."""
     state = bpy.context.window_manager.reference_raytracer_comparison
     state.width, state.samples, state.rays = 48, 4, 256
     stage.record["before"] = describe_user()
@@ -136,7 +149,7 @@ def click_worst(name: str) -> stage.Step:
         bpy.context.window_manager.reference_raytracer_comparison.worst_index = 0
         verdicts = session.find_verdicts()
         assert verdicts is not None
-        stage.record[name] = [[verdict.is_right, verdict.t_error] for verdict in verdicts]
+        stage.record[name] = [[verdict.is_right, verdict.t_error, verdict.distance_error] for verdict in verdicts]
         stage.record[f"{name}_rays"] = len(bpy.context.window_manager.reference_raytracer.rays)
         return 1.0
 
@@ -150,7 +163,7 @@ def record_user() -> None:
 
 def steps() -> Iterator[stage.Step]:
     """Yield all steps."""
-    yield from (prepare, fold_panels)
+    yield from (prepare, choose_size)
     yield from (start("compare_cycles"), record_running("running"), stage.take_picture("progress"), press_escape)
     yield record_running("cancelled")
     yield start("compare_ray_cast")

@@ -29,13 +29,19 @@ folder = Path(sys.argv[sys.argv.index("--") + 1]).resolve() if "--" in sys.argv 
 record: dict[str, Any] = {}
 
 
-def register_addon() -> None:
-    """Register the add-on of this tree, and keep the splash screen away."""
-    sys.path.insert(0, str(ROOT))
-    bpy.context.preferences.view.show_splash = False
+def import_addon() -> Any:
+    """Return the add-on of this tree."""
+    if str(ROOT) not in sys.path:
+        sys.path.insert(0, str(ROOT))
     import addon
 
-    addon.register()
+    return addon
+
+
+def register_addon() -> None:
+    """Register the add-on, and keep the splash screen away."""
+    bpy.context.preferences.view.show_splash = False
+    import_addon().register()
 
 
 def play(steps: Iterable[Step]) -> None:
@@ -98,14 +104,6 @@ def show_tab(kind: str, category: str) -> tuple[Step, Step]:
         return 2 * STEP_SECONDS
 
     return show_sidebar, choose_tab
-
-
-def pin_panel(name: str) -> None:
-    """Let all panels of a tab but one, and those it needs, poll False, so that a picture shows it whole."""
-    panel = getattr(bpy.types, name)
-    panel.bl_options = set()
-    bpy.utils.unregister_class(panel)
-    bpy.utils.register_class(panel)
 
 
 def press(kind: str, x: float, y: float) -> None:

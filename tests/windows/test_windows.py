@@ -53,3 +53,28 @@ def test_rays_are_picked_drawn_and_cleared(tmp_path: Path) -> None:
     assert report["picked_in_picture"] == ["0 Camera: Mirror disc", "1 Reflected: Backdrop"]
     assert report["picked_in_view"] == report["after_undo"] == ["0 Camera: Backdrop"]
     assert report["after_load"] == [True, True]
+
+
+def test_comparisons_run_beside_blender_and_leave_the_scene_alone(tmp_path: Path) -> None:
+    report = drive("compare.py", tmp_path)
+    assert report["after"] == report["before"]
+    assert report["running"][0] is True
+    assert report["cancelled"][0] is False
+    for kind in ("ray_cast", "cycles"):
+        assert report[kind]["kind"] == kind
+        assert (report[f"{kind}_image"], report[f"{kind}_shown"]) == ([48, 32], "Raytracer Difference")
+        (ours_right, ours_error, proven), _ = report[f"{kind}_worst"]
+        assert ours_right
+        assert ours_error <= proven
+        assert report[f"{kind}_worst_rays"] >= 1
+    assert report["ray_cast"]["numbers"]["ours_wrong"] == 0
+    assert report["cycles"]["numbers"]["z_fail_share"] <= 0.0025
+
+
+def test_all_tabs_are_drawn_and_the_addon_comes_and_goes(tmp_path: Path) -> None:
+    report = drive("tabs.py", tmp_path)
+    assert ["Smoke", "", "volumes are not supported, left out"] in report["warnings"]
+    assert report["selected"] == ["Glass ball"]
+    assert set(report["engines"]) == {"BLENDER_EEVEE"}
+    before, after = report["types"]
+    assert before == after
