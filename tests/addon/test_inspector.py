@@ -167,7 +167,7 @@ def test_lines_end_at_hits_lamps_and_blockers(room: Any) -> None:
     tree = inspect(3, 12).tree
     lines = segments.make_segments(tree)
     assert len(lines.ends) == len(lines.colors) == len(lines.ray)
-    camera, normal, shadow = lines.ends
+    camera, normal, shadow = lines.ends[lines.ray == 0]
     np.testing.assert_allclose(camera[:, 2], [10.0, 0.0], atol=1e-6)
     np.testing.assert_allclose(normal[1] - normal[0], [0, 0, 10.0 * segments.NORMAL_SHARE], atol=1e-6)
     np.testing.assert_allclose(shadow[1, 2], ROOF_HEIGHT, atol=1e-6)
