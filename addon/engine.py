@@ -22,6 +22,7 @@ from .frames import Frames
 from .output import Border, RenderOutput, read_border
 from .passes import declare_passes, enabled_passes
 from .properties import settings_keywords
+from .viewport import Viewport
 
 ENGINE = "REFERENCE_RAYTRACER"
 
@@ -43,7 +44,7 @@ class SceneError(Exception):
 
 
 class ReferenceRaytracerEngine(bpy.types.RenderEngine):
-    """Reference Ray Tracer in Blender's list of render engines; one object renders one frame."""
+    """Reference Ray Tracer in Blender's list of render engines; an object renders one frame, or draws one region."""
 
     bl_idname = ENGINE
     bl_label = "Reference Ray Tracer"
@@ -51,6 +52,7 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
     bl_use_preview = True  # small pictures of materials, worlds and lights
 
     layers_done = 0
+    viewport: Viewport | None = None  # what a viewport shows, while this object serves one
     failed = False  # an error in one view layer ends the frame, with one message instead of one for each layer
 
     def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
@@ -79,14 +81,20 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
 
     def view_update(self, context: Any, depsgraph: Any) -> None:
         """Take a change of what a viewport shows (Blender's callback)."""
-        viewport.update(self, context, depsgraph)
+        self._find_viewport().update(context, depsgraph)
 
     def view_draw(self, context: Any, depsgraph: Any) -> None:
         """Draw a viewport in Rendered shading (Blender's callback)."""
-        viewport.draw(self, context, depsgraph)
+        self._find_viewport().draw(self, context, depsgraph)
+
+    def _find_viewport(self) -> Viewport:
+        if self.viewport is None:
+            self.viewport = Viewport(self)
+        return self.viewport
 
     def __del__(self) -> None:
-        viewport.free(self)
+        if self.viewport is not None:
+            self.viewport.close()
 
     def _fail(self, reason: str) -> None:
         self.failed = True

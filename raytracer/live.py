@@ -81,7 +81,7 @@ class Live:
         self._outline = b""
         self._canvas: Canvas | None = None
         self._memory: NDArray[np.float32] | None = None
-        self._canvases = self._job = 0
+        self._canvases = self._job = self._forgotten = 0
         self._latest: Report | None = None
         self._shown: Report | None = None
         self.is_closed = False
@@ -117,31 +117,32 @@ class Live:
         self._send(Job(self._job, target, precision))
 
     def forget(self) -> None:
-        """Stop drawing and let go of the scene."""
+        """Stop drawing and let go of the scene, the pictures and what was reported."""
         self.set_scene(Scene())
+        self._forgotten = self._job
 
     @property
     def report(self) -> Report | None:
-        """The newest report, of whatever job."""
-        return self._latest
+        """The newest report, of whatever job since `forget`."""
+        latest = self._latest
+        return latest if latest is not None and latest.job > self._forgotten else None
 
     @property
-    def is_busy(self) -> bool:
-        """True while there is more to come for the newest job."""
-        latest = self._latest
-        return not self.is_closed and not (latest and latest.job == self._job and latest.is_finished)
+    def is_running(self) -> bool:
+        """True while the process can be asked to draw."""
+        return not self.is_closed and self._process.poll() is None
 
     @property
     def has_news(self) -> bool:
         """True where there is a report that `read_picture` has not seen."""
-        return self._latest is not self._shown
+        return self.report is not self._shown
 
     def read_picture(self) -> Picture | None:
         """Return the newest picture, or None if there has been none since the last call.
 
         Its pixels are a view of the shared memory: the next picture but one will be written there.
         """
-        report = self._latest
+        report = self.report
         if report is self._shown:
             return None
         self._shown = report

@@ -208,7 +208,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         random=hash_name(source.name),
         points=points,
     )
-    sources = tuple(data.original.session_uid for data in (source, instancer, shown.data))
+    sources = tuple(found.session_uid for found in (source.original, instancer.original, source.original.data))
     if points is not None:
         materials = find_materials(shown, source, (0,), context)
         return PartEntry(

@@ -30,7 +30,7 @@ class Changes:
     @property
     def is_view_only(self) -> bool:
         """True where nothing changed but cameras."""
-        return self.kinds <= {"CAMERA"}
+        return self.kinds == {"CAMERA"}
 
 
 def read_changes(depsgraph: Any) -> Changes:

@@ -105,7 +105,8 @@ class MeshTable:
         return identity, self._count[identity]
 
     def _is_trusted(self, source: Any, mesh: Any) -> bool:
-        return not mesh.is_editmode and self._kept.trusts_shapes(source.original.session_uid, mesh.original.session_uid)
+        original = source.original  # an evaluated mesh does not know its own
+        return not mesh.is_editmode and self._kept.trusts_shapes(original.session_uid, original.data.session_uid)
 
     def _read(self, source: Any, pointer: int, mesh: Any, last: MeshEntry | None) -> MeshEntry:
         own = WarningList()

@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
+from . import pool
 from .drawing import Canvas
 from .session import Session
 
@@ -22,54 +23,52 @@ WATCH_INTERVAL = 1 / 60
 
 
 class Viewport:
-    """What an engine object keeps for its region."""
+    """A region in Rendered shading; Blender's engine object holds it, and ends it."""
 
-    def __init__(self) -> None:
+    def __init__(self, engine: Any) -> None:
+        self.engine = weakref.ref(engine)
         self.session = Session()
         self.canvas = Canvas()
-
-
-_viewports: weakref.WeakKeyDictionary[Any, Viewport] = weakref.WeakKeyDictionary()
-
-
-def update(engine: Any, context: Any, depsgraph: Any) -> None:
-    """Take a change of the scene (Blender's callback `view_update`)."""
-    find_viewport(engine).session.update(depsgraph, context.space_data)
-
-
-def draw(engine: Any, context: Any, depsgraph: Any) -> None:
-    """Draw a region (Blender's callback `view_draw`)."""
-    viewport, scene = find_viewport(engine), depsgraph.scene_eval
-    pixel_size = int(engine.get_preview_pixel_size(depsgraph.scene))
-    viewport.session.look(context.region, context.region_data, context.space_data, scene, pixel_size)
-    picture = viewport.session.read_picture()
-    if picture is not None:
-        viewport.canvas.take(picture)
-    viewport.canvas.upload()
-    viewport.canvas.draw(engine, depsgraph.scene)
-    engine.update_stats("", viewport.session.status)
-
-
-def free(engine: Any) -> None:
-    """End what an engine object began."""
-    viewport = _viewports.pop(engine, None)
-    if viewport is not None:
-        viewport.session.close()
-
-
-def find_viewport(engine: Any) -> Viewport:
-    """Return what an engine object keeps, begun when it is first asked for."""
-    if engine not in _viewports:
-        _viewports[engine] = Viewport()
+        _viewports.add(self)
         if not bpy.app.timers.is_registered(watch):
             bpy.app.timers.register(watch, persistent=True)
-    return _viewports[engine]
+
+    def update(self, context: Any, depsgraph: Any) -> None:
+        """Take a change of the scene."""
+        self.session.update(depsgraph, context.space_data)
+
+    def draw(self, engine: Any, context: Any, depsgraph: Any) -> None:
+        """Draw the region as far as it is, and let the renderer know where it looks."""
+        pixel_size = int(engine.get_preview_pixel_size(depsgraph.scene))
+        region, data, space = context.region, context.region_data, context.space_data
+        self.session.look(region, data, space, depsgraph.scene_eval, pixel_size)
+        picture = self.session.read_picture()
+        if picture is not None:
+            self.canvas.take(picture)
+        self.canvas.upload()
+        self.canvas.draw(engine, depsgraph.scene)
+        engine.update_stats("", self.session.status)
+
+    def has_news(self) -> bool:
+        """True where the region should be drawn again."""
+        return self.session.has_news or self.canvas.is_busy
+
+    def close(self) -> None:
+        """End it; may be called again."""
+        _viewports.discard(self)
+        self.session.close()
+
+
+_viewports: set[Viewport] = set()
 
 
 def watch() -> float | None:
     """Let regions with news be drawn; called by Blender's timer while there are viewports."""
-    for engine, viewport in list(_viewports.items()):
-        if viewport.session.has_news or viewport.canvas.is_busy:
+    for viewport in list(_viewports):
+        engine = viewport.engine()
+        if engine is None:
+            viewport.close()
+        elif viewport.has_news():
             engine.tag_redraw()
     return WATCH_INTERVAL if _viewports else None
 
@@ -77,12 +76,13 @@ def watch() -> float | None:
 @persistent
 def distrust_all(*_: Any) -> None:
     """Let all scenes be read and compared anew; called around undo and redo, which may change anything."""
-    for viewport in list(_viewports.values()):
+    for viewport in list(_viewports):
         viewport.session.distrust()
 
 
 def register() -> None:
-    """Listen to undo and redo."""
+    """Listen to undo and redo, and have a process wait where one will be needed."""
+    pool.register()
     for called in UNANNOUNCED:
         called.append(distrust_all)
 
@@ -90,6 +90,7 @@ def register() -> None:
 def unregister() -> None:
     """End all renderers, and listen no more."""
     close_all()
+    pool.unregister()
     for called in UNANNOUNCED:
         if distrust_all in called:
             called.remove(distrust_all)
@@ -97,8 +98,7 @@ def unregister() -> None:
 
 def close_all() -> None:
     """End all renderers."""
-    for viewport in list(_viewports.values()):
-        viewport.session.close()
-    _viewports.clear()
+    for viewport in list(_viewports):
+        viewport.close()
     if bpy.app.timers.is_registered(watch):
         bpy.app.timers.unregister(watch)

@@ -9,11 +9,11 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
-from raytracer.live import Live
 from raytracer.progressive import Picture, Target
 
 from ..extract import Kept, extract_scene, read_changes
 from ..properties import settings_keywords
+from . import pool
 from .views import EmptyBorderError, read_view
 
 # The most camera rays traced at a time: a new job waits for as many at most.
@@ -24,7 +24,8 @@ class Session:
     """One region's renderer."""
 
     def __init__(self) -> None:
-        self._live = Live()
+        self.is_closed = False
+        self._live = pool.take()
         self._kept = Kept()
         self._depsgraph = 0
         self._asked: bytes | None = None
@@ -87,8 +88,10 @@ class Session:
         return f"Sample {picture.samples}/{picture.total}" if picture else "Starting"
 
     def close(self) -> None:
-        """End the process."""
-        self._live.close()
+        """Leave the process to others; may be called again."""
+        if not self.is_closed:
+            self.is_closed = True
+            pool.give_back(self._live)
 
 
 def make_target(view: Any, scene: Any, pixel_size: int) -> Target:
