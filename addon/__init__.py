@@ -25,26 +25,38 @@ def __getattr__(name: str) -> Any:
 
 def register() -> None:
     """Add the render engine, its settings and its panels to Blender."""
-    from . import comparing, engine, inspector, panels, properties
+    from . import cli, comparing, engine, inspector, panels, properties
 
     properties.register()
     engine.register()
     panels.register()
     inspector.register()
     comparing.register()
-    # Blender 4.2 crashes and 4.5 hangs when Python ends while a render engine is registered.
-    atexit.register(unregister)
+    cli.register()
+    atexit.register(_leave)
 
 
 def unregister() -> None:
     """Take out everything that `register` added."""
-    from . import comparing, engine, inspector, panels, properties
+    from . import cli, comparing, engine, inspector, panels, properties
     from .casting import held
 
-    atexit.unregister(unregister)
+    atexit.unregister(_leave)
     held.unregister()
+    cli.unregister()
     comparing.unregister()
     inspector.unregister()
     panels.unregister()
     engine.unregister()
     properties.unregister()
+
+
+def _leave() -> None:
+    """End what runs, at Python's end. Blender 4.2 crashes and 4.5 hangs there while a render engine is registered; the
+    Blender application has already let go of all classes."""
+    from .comparing import operators
+    from .engine import ReferenceRaytracerEngine
+
+    operators.end_process()
+    if ReferenceRaytracerEngine.is_registered:
+        unregister()

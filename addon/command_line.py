@@ -17,6 +17,9 @@ from typing import IO, Any, NoReturn
 
 # A command's module offers add_arguments(parser) and run(arguments); its first line of documentation is its help.
 COMMANDS = {"render": ".render_command", "compare": ".compare", "bench": ".bench"}
+# Those that need no more than the installed extension.
+INSTALLED_COMMANDS = ("render", "compare")
+PROGRAM = "python -m addon"
 
 # First bytes of a .blend: plain, compressed by gzip (before Blender 3.0) and by Zstandard.
 BLEND_SIGNATURES = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")
@@ -32,12 +35,12 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser of all commands."""
-    parser = _Parser(prog="python -m addon", description="The Reference Ray Tracer without the Blender application.")
+def build_parser(program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
+    """Return the parser of the commands `names`; program : what the user has typed before them."""
+    parser = _Parser(prog=program, description="The Reference Ray Tracer without the Blender application.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, module_name in COMMANDS.items():
-        module = import_module(module_name, __package__)
+    for name in names:
+        module = import_module(COMMANDS[name], __package__)
         summary = (module.__doc__ or "").splitlines()[0]
         command = commands.add_parser(name, help=summary, description=summary)
         module.add_arguments(command)
@@ -45,9 +48,9 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return the exit code, 0 only on success."""
-    arguments = build_parser().parse_args(argv)
+def main(argv: Sequence[str] | None = None, program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS)) -> int:
+    """Run one command of `names`; return the exit code, 0 only on success."""
+    arguments = build_parser(program, names).parse_args(argv)
     silence_blender()
     try:
         arguments.run(arguments)
@@ -113,7 +116,8 @@ def open_blend(path: str) -> Any:
 
     from . import register
 
-    register()
+    if not hasattr(bpy.types.Scene, "reference_raytracer"):  # inside the application it is there already
+        register()
     try:
         with hide_python_output():
             bpy.ops.wm.open_mainfile(filepath=str(file.resolve()), load_ui=False)

@@ -21,12 +21,17 @@ POLL_SECONDS = 0.25
 _running: Running | None = None
 
 
-def stop() -> None:
-    """End the comparison that runs, if any."""
+def end_process() -> None:
+    """End the process that compares, if any."""
     global _running
     if _running is not None:
         _running.close()
         _running = None
+
+
+def stop() -> None:
+    """End the comparison that runs, if any, and show so."""
+    end_process()
     for manager in bpy.data.window_managers:
         manager.reference_raytracer_comparison.is_running = False
     redraw()
