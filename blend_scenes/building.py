@@ -28,8 +28,8 @@ Color = tuple[float, float, float]
 def start_scene(width: int = 640, height: int = 400, view_transform: str = "AgX") -> bpy.types.Scene:
     """Replace the open file by an empty one and return its scene, set to render with Cycles.
 
-    Cycles' settings are those under which it computes the same light as this project's engine does today: no diffuse
-    interreflection, nothing clamped, blurred or denoised.
+    Cycles' settings are its own defaults, which are this project's engine's as well, but for what is no part of the
+    picture: the number of samples is fixed, and nothing is denoised.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
@@ -40,10 +40,14 @@ def start_scene(width: int = 640, height: int = 400, view_transform: str = "AgX"
     cycles = scene.cycles
     cycles.samples = 64
     cycles.use_adaptive_sampling = cycles.use_denoising = False
-    cycles.max_bounces = cycles.glossy_bounces = cycles.transmission_bounces = cycles.transparent_max_bounces = 12
-    cycles.diffuse_bounces = 0
-    cycles.sample_clamp_indirect = cycles.blur_glossy = 0.0
     return scene
+
+
+def allow_glossy_bounces(count: int) -> None:
+    """Raise the limit of glossy bounces, for both engines; the add-on need not be there to find its setting later."""
+    scene = bpy.context.scene
+    scene.cycles.glossy_bounces = count
+    scene["reference_raytracer"] = {"glossy_bounces": count}
 
 
 def save_scene(path: Path) -> None:

@@ -10,6 +10,7 @@ from blend_scenes import building
 def build() -> None:
     """Fill the scene: two tall mirrors, almost parallel, and between them a bust on a chequered floor."""
     building.start_scene()
+    building.allow_glossy_bounces(12)
     building.set_world((0.75, 0.82, 1.0), 0.25)
     tiles = [
         building.make_shader("Cream tile", "Diffuse", (0.7, 0.62, 0.5)),
@@ -19,7 +20,7 @@ def build() -> None:
     add_mirror("Far mirror", (0, 1.5, 0.02), 0)
     add_mirror("Near mirror", (0, -1.5, 0.02), 178)
     add_ring_and_ball()
-    building.add_light("Lamp", "POINT", 130, (0.5, -0.2, 2.7), (0, 0, 0), (1.0, 0.87, 0.7), shadow_soft_size=0.08)
+    building.add_light("Lamp", "POINT", 130, (0.5, -0.2, 2.7), (0, 0, 0), (1.0, 0.87, 0.7), shadow_soft_size=0.25)
     building.add_camera((1.36, -1.3, 1.62), (-0.32, 1.5, 0.95), 21)
 
 
