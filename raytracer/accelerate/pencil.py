@@ -44,14 +44,17 @@ class Pencil:
     centre : (3,) float64, the common point, or one near the rays
     headings : (n, 3) float64, direction of each ray seen from the point; its origin from `centre` where parallel
     parallel : bool
-    arriving : bool, the rays end at the point, to within `spread` in every coordinate
+    arriving : bool, the rays end at the point or before it
+    spread : of an arriving pencil, how far from the point its rays may pass it, in every coordinate
+    reach : (n,) float64, of an arriving pencil, the t at which its rays pass the point
     """
 
     centre: Floats
     headings: Floats
     parallel: bool
-    arriving: bool
-    spread: float
+    arriving: bool = False
+    spread: float = 0.0
+    reach: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,14 +90,18 @@ class View:
 
 
 def find_pencil(rays: Rays) -> Pencil | None:
-    """Return the pencil that rays form, or None: equal origins, equal directions, or equal ends o + t_max d."""
+    """Return the pencil that rays form, or None: equal origins, equal directions, or equal ends o + t_max d or o + d
+    (shadow rays to a point within a lamp, which end on the lamp's surface)."""
     origins, directions = rays.origins, rays.directions
     if _are_equal(origins):
-        return Pencil(origins[0], directions, False, False, 0.0)
+        return Pencil(origins[0], directions, parallel=False)
     if _are_equal(directions):
         centre = (origins.min(axis=0) + origins.max(axis=0)) / 2
-        return Pencil(centre, origins - centre, True, False, 0.0)
-    return _find_arriving(rays)
+        return Pencil(centre, origins - centre, parallel=True)
+    arriving = _find_arriving(rays, rays.t_max)
+    if arriving is None and (rays.t_max <= 1.0).all():
+        arriving = _find_arriving(rays, np.ones(len(rays)))
+    return arriving
 
 
 def _are_equal(vectors: Floats) -> bool:
@@ -103,26 +110,27 @@ def _are_equal(vectors: Floats) -> bool:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _find_arriving(rays: Rays) -> Pencil | None:
-    """Rays whose ends o + t_max d nearly coincide, in comparison with the shortest of them."""
-    if not np.isfinite(rays.t_max[[0, -1]]).all():
+def _find_arriving(rays: Rays, reach: Floats) -> Pencil | None:
+    """Rays whose points o + reach d nearly coincide, in comparison with the shortest way there."""
+    if not np.isfinite(reach[[0, -1]]).all():
         return None
-    few = rays.select(np.array([0, len(rays) // 2, -1]))
-    if _spread(few) > LARGEST_SPREAD:
+    few = np.array([0, len(rays) // 2, -1])
+    if _spread(rays.select(few), reach[few]) > LARGEST_SPREAD:
         return None
-    if not _spread(rays) <= LARGEST_SPREAD:
+    if not _spread(rays, reach) <= LARGEST_SPREAD:
         return None
-    centre = rays.origins[0] + rays.t_max[0] * rays.directions[0]
+    centre = rays.origins[0] + reach[0] * rays.directions[0]
     headings = rays.origins - centre
-    ends = headings + rays.t_max[:, np.newaxis] * rays.directions
+    ends = headings + reach[:, np.newaxis] * rays.directions
     # Both sums round: relative to the origins' distance and to the coordinates themselves.
     size = np.abs(centre).max() + np.abs(headings).max() + np.abs(rays.origins).max()
-    return Pencil(centre, headings, False, True, float(np.abs(ends).max() + gamma(4) * size))
+    return Pencil(centre, headings, False, True, float(np.abs(ends).max() + gamma(4) * size), reach)
 
 
-def _spread(rays: Rays) -> float:
-    """The largest distance between ends as a share of the shortest way; NaN or infinite where there is none."""
-    ends = rays.origins + rays.t_max[:, np.newaxis] * rays.directions
+def _spread(rays: Rays, reach: Floats) -> float:
+    """The largest distance between points o + reach d as a share of the shortest way there; NaN or infinite where there
+    is none."""
+    ends = rays.origins + reach[:, np.newaxis] * rays.directions
     ways = np.abs(rays.origins - ends[0]).max(axis=1)
     return float(np.divide(np.abs(ends - ends[0]).max(), ways.min(), where=ways.min() > 0, out=np.array(np.inf)))
 
@@ -143,14 +151,14 @@ def make_views(pencil: Pencil, rays: Rays, scale: float) -> Iterator[View]:
         turn = _turn_to(forward)
         x, y, z = turned = _map_planes(turn, pencil.headings)
         if z.min() > 0 and (z * z > ONE_VIEW**2 * (x * x + y * y + z * z)).all():
-            yield _make_view(pencil, turn, turned, everyone, rays, scale)
+            yield _make_view(pencil, turn, turned, everyone, scale)
             return
     axis = np.abs(pencil.headings).argmax(axis=1)
     face = 2 * axis + (np.take_along_axis(pencil.headings, axis[:, np.newaxis], axis=1)[:, 0] < 0)
     for one in np.unique(face):
         turn = (-1.0 if one % 2 else 1.0) * np.roll(np.eye(3), one // 2 + 1, axis=1)
         rows = np.flatnonzero(face == one)
-        yield _make_view(pencil, turn, _map_planes(turn, pencil.headings[rows]), rows, rays, scale)
+        yield _make_view(pencil, turn, _map_planes(turn, pencil.headings[rows]), rows, scale)
 
 
 def _pick_voters(vectors: Floats) -> Floats:
@@ -166,7 +174,7 @@ def _turn_to(forward: Floats) -> Floats:
     return np.stack([x, np.cross(z, x), z])
 
 
-def _make_view(pencil: Pencil, turn: Floats, turned: Floats, rows: Rows, rays: Rays, scale: float) -> View:
+def _make_view(pencil: Pencil, turn: Floats, turned: Floats, rows: Rows, scale: float) -> View:
     """The view whose image rectangle just holds rays with headings `turned` (3, k), turned about z to be small.
 
     The image points are not those of `matrix` to the last bit: both round, by less than 2^-28 of the rectangle.
@@ -180,8 +188,8 @@ def _make_view(pencil: Pencil, turn: Floats, turned: Floats, rows: Rows, rays: R
     matrix = scale * (fit @ np.block([[spin, np.zeros((2, 1))], [np.zeros((1, 2)), 1.0]]) @ turn)
     image = ((points - middle[:, np.newaxis]) / half[:, np.newaxis]).astype(np.float32)
     seen = scale * turned[2]
-    if pencil.arriving:
-        return View(pencil, pencil.centre, matrix, rows, image, seen, -seen / rays.t_max[rows])
+    if pencil.reach is not None:
+        return View(pencil, pencil.centre, matrix, rows, image, seen, -seen / pencil.reach[rows])
     return View(pencil, pencil.centre, matrix, rows, image, np.zeros_like(seen), seen)
 
 

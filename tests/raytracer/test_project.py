@@ -125,6 +125,8 @@ def test_rays_to_a_point_are_blocked_as_by_brute_force(rng, name, where):
     origins, directions, distance = origins[apart], (directions[apart].T / distance[apart]).T, distance[apart]
     compare_with_brute_force(scene, origins, directions, 0.0, distance)
     compare_with_brute_force(scene, origins, directions, distance * 1e-9, distance)
+    # To a point within a lamp: they end before it, on the lamp's surface.
+    compare_with_brute_force(scene, origins, point - origins, 0.0, rng.uniform(0.2, 1.0, len(origins)))
 
 
 def test_rays_to_a_point_meet_what_is_nearer_to_it_than_their_ends(rng):
@@ -190,6 +192,10 @@ def test_pencils_are_told_apart(rng):
     arriving = find_pencil(make_rays(points, other[0] - points, 0.0, 1.0))
     assert arriving.arriving
     assert 0 < arriving.spread < 1e-14
+    ending_before = make_rays(points, other[0] - points, 0.0, rng.uniform(0.5, 1.0, 50))
+    np.testing.assert_array_equal(find_pencil(ending_before).reach, 1.0)
+    passing_through = make_rays(points, other[0] - points, 0.0, rng.uniform(0.5, 1.5, 50))
+    assert find_pencil(passing_through) is None
     # A lamp a thousandth of the distance wide is not a point.
     assert find_pencil(make_rays(points, other[0] + 1e-3 * other - points, 0.0, 1.0)) is None
 
