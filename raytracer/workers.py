@@ -257,7 +257,7 @@ def serve() -> None:
                 assert function is not None
                 answer = function(content)
             reply = (True, answer)
-        except Exception:
+        except Exception:  # every request is answered: the parent raises what went wrong
             reply = (False, traceback.format_exc())
         try:
             _send(answers, reply)
