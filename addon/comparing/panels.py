@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ..engine import ENGINE
-from ..inspector.panels import CATEGORY, draw_lines
+from ..inspector.panels import CATEGORY, draw_lines, find_chosen
 from . import session
 from .describe import describe_exact, describe_numbers, describe_verdict
 from .heat_map import IMAGE_NAME
@@ -83,13 +83,13 @@ class VIEW3D_PT_raytracer_verdict(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: Any) -> bool:
-        return context.engine == ENGINE
+        return context.engine == ENGINE and find_chosen(context) is not None
 
     def draw(self, context: Any) -> None:
-        layout = self.layout
-        layout.operator("raytracer.judge_ray", icon="CHECKMARK")
-        verdicts = session.find_verdicts()
+        layout, ray = self.layout, find_chosen(context)
+        verdicts = session.find_verdicts_on(ray) if ray else None
         if verdicts is None:
+            layout.operator("raytracer.judge_ray")
             return
         draw_lines(layout, describe_exact(verdicts[0]))
         for title, verdict in zip(("This ray tracer", "Scene.ray_cast"), verdicts, strict=True):

@@ -5,7 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+import numpy as np
 from bpy.app.handlers import persistent
+
+from raytracer.traced_rays import TracedRay
 
 from ..compare.results import Outcome
 from ..compare.verdict import Verdict, judge_ray
@@ -23,8 +26,17 @@ def find_outcome() -> Outcome | None:
 
 
 def find_verdicts() -> tuple[Verdict, Verdict] | None:
-    """Return the verdicts on this caster and on Scene.ray_cast, or None."""
+    """Return the last verdicts on this caster and on Scene.ray_cast, or None."""
     return _verdicts
+
+
+def find_verdicts_on(ray: TracedRay) -> tuple[Verdict, Verdict] | None:
+    """Return the verdicts where they are on this ray, or None."""
+    if _verdicts is None:
+        return None
+    judged = _verdicts[0]
+    same = np.array_equal(judged.origin, ray.origin) and np.array_equal(judged.direction, ray.direction)
+    return _verdicts if same else None
 
 
 def keep(outcome: Outcome) -> Any:
@@ -45,12 +57,11 @@ def inspect_worst(context: Any, index: int) -> None:
     if _outcome is None or not 0 <= index < len(_outcome.worst):
         return
     entry, depsgraph = _outcome.worst[index], context.evaluated_depsgraph_get()
-    if entry.x >= 0:
-        inspected = inspector.inspect_pixel(depsgraph, entry.x, entry.y, _size)
-    else:
+    if entry.origin:
         inspected = inspector.inspect_ray(depsgraph, entry.origin, entry.direction, entry.label)
-    ray = inspected.tree[0]
-    judge(context, entry.origin or ray.origin, entry.direction or ray.direction)
+    else:
+        inspected = inspector.inspect_pixel(depsgraph, entry.x, entry.y, _size)
+    judge(context, inspected.tree[0].origin, inspected.tree[0].direction)
 
 
 def judge(context: Any, origin: Any, direction: Any) -> None:

@@ -23,6 +23,7 @@ KIND_ICONS = {
     REFRACTED: "COLORSET_03_VEC",
     PASSED: "COLORSET_13_VEC",
 }
+INDENTATION = 1.5  # of a ray under the one that it comes from, in units of Blender's separator
 LIT_ICON, BLOCKED_ICON, DARK_ICON = "COLORSET_09_VEC", "COLORSET_01_VEC", "BLANK1"
 
 
@@ -34,8 +35,8 @@ class RAYTRACER_UL_rays(bpy.types.UIList):
     ) -> None:
         """Draw a row."""
         row = layout.row(align=True)
-        for _ in range(item.depth):
-            row.label(text="", icon="BLANK1")
+        if item.depth:
+            row.separator(factor=INDENTATION * item.depth)
         row.label(text=item.name, icon=KIND_ICONS[item.kind])
 
 
@@ -60,7 +61,7 @@ class _RayPanel:
             return
         state = context.window_manager.reference_raytracer
         layout.label(text=inspected.place)
-        layout.template_list("RAYTRACER_UL_rays", "", state, "rays", state, "ray_index", rows=4)
+        layout.template_list("RAYTRACER_UL_rays", "", state, "rays", state, "ray_index", rows=5)
 
 
 class _ChildPanel(_RayPanel):

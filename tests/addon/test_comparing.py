@@ -14,6 +14,7 @@ import pytest
 import addon
 from addon.compare import results, verdict
 from addon.comparing import describe, heat_map, job, operators, session
+from addon.inspector import session as inspector
 from tests.addon.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage
 from tests.addon.test_inspector import describe_scene
 
@@ -65,6 +66,10 @@ def test_comparing_with_ray_cast_lists_rays_that_can_be_inspected(stage: Any) ->
         lines = [*describe.describe_exact(verdicts[0]), *describe.describe_verdict(verdicts[1])]
         assert all(name and all(values) for name, values in lines)
         assert len(bpy.context.window_manager.reference_raytracer.rays) >= 1
+        inspected = inspector.find_inspected()
+        assert inspected is not None
+        assert session.find_verdicts_on(inspected.tree[0]) == verdicts
+        assert all(session.find_verdicts_on(ray) is None for ray in inspected.tree[1:])
 
 
 def test_failure_is_one_sentence(stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -114,11 +114,16 @@ def press(kind: str, x: float, y: float) -> None:
         find_window().event_simulate(kind, value, **place)
 
 
-def take_picture(name: str) -> Step:
-    """Return a step that saves the screen as FOLDER/NAME.png, by ImageMagick: on a virtual screen Blender's own
-    operator sees black."""
+def take_picture(name: str, kind: str = "") -> Step:
+    """Return a step that saves the screen, or the first area of a kind, as FOLDER/NAME.png; by ImageMagick, for on a
+    virtual screen Blender's own operator sees black."""
 
     def step() -> None:
-        subprocess.run(["import", "-window", "root", str(folder / f"{name}.png")], check=True)
+        crop = []
+        if kind:
+            area, window = find_area(kind), find_window()
+            top = window.height - area.y - area.height
+            crop = ["-crop", f"{area.width}x{area.height}+{area.x}+{top}", "+repage"]
+        subprocess.run(["import", "-window", "root", *crop, str(folder / f"{name}.png")], check=True)
 
     return step
