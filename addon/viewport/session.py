@@ -7,8 +7,10 @@ and looks at pictures when they come. Nothing here draws or needs a window. Impo
 from __future__ import annotations
 
 import pickle
+import traceback
 from typing import Any
 
+from raytracer.live import describe_error
 from raytracer.progressive import Picture, Target
 
 from ..extract import Kept, extract_scene, read_changes
@@ -33,6 +35,8 @@ class Session:
 
     def update(self, depsgraph: Any, space: Any) -> None:
         """Take the scene as it is now; called after every change."""
+        if not self._live.is_running:
+            self._renew()
         changes = read_changes(depsgraph) if depsgraph.as_pointer() == self._depsgraph else None
         self._depsgraph = depsgraph.as_pointer()
         if changes is not None and changes.is_view_only:
@@ -40,13 +44,20 @@ class Session:
         self._kept.changes = changes
         try:
             extraction = extract_scene(depsgraph, space=space, kept=self._kept)
-        except ValueError as error:
-            self._scene_error = str(error)
+        except Exception as error:
+            self._scene_error = explain(error)
             self.distrust()
             return
         if self._live.set_scene(extraction.scene) or self._scene_error:
             self._asked = None
         self._scene_error = ""
+
+    def _renew(self) -> None:
+        """Take another process for one that ended."""
+        self._live.close()
+        self._live = pool.take()
+        self._asked = None
+        self.distrust()
 
     def distrust(self) -> None:
         """Take the next change for a change of anything: what happened is not announced."""
@@ -57,10 +68,10 @@ class Session:
         self._view_error = ""
         try:
             target = make_target(read_view(region, region_data, space, scene), scene, pixel_size)
-        except ValueError as error:
-            self._view_error = str(error)
-            return
         except EmptyBorderError:
+            return
+        except Exception as error:
+            self._view_error = explain(error)
             return
         precision = scene.reference_raytracer.precision.lower()
         asked = pickle.dumps((target, precision))
@@ -92,6 +103,13 @@ class Session:
         if not self.is_closed:
             self.is_closed = True
             pool.give_back(self._live)
+
+
+def explain(error: Exception) -> str:
+    """Return a sentence for the user, and print where it happened if it should not have."""
+    if not isinstance(error, ValueError):
+        traceback.print_exception(error)
+    return describe_error(error)
 
 
 def make_target(view: Any, scene: Any, pixel_size: int) -> Target:

@@ -525,6 +525,36 @@ def test_session_says_what_is_wrong_and_goes_on_afterwards(watch: Watch, stage: 
     np.testing.assert_array_equal(watch.wait(), render_stage())
 
 
+def test_session_explains_what_should_not_happen(
+    watch: Watch, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise KeyError("gone")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(session_module, "extract_scene", fail)
+        watch.update()
+    assert watch.session.status == "Error: internal error, KeyError: 'gone'"
+    assert "Traceback" in capsys.readouterr().err
+    watch.update()
+    watch.look()
+    np.testing.assert_array_equal(watch.wait(), render_stage())
+
+
+def test_session_takes_another_process_for_one_that_ended(watch: Watch) -> None:
+    watch.update()
+    watch.look()
+    watch.wait()
+    watch.session._live._process.kill()
+    end = time.perf_counter() + PATIENCE
+    while watch.session.status.startswith("Sample"):
+        assert time.perf_counter() < end
+    assert watch.session.status.startswith("Error: the render process ended unexpectedly")
+    watch.update()
+    watch.look()
+    np.testing.assert_array_equal(watch.wait(), render_stage())
+
+
 def test_target_has_the_viewports_samples_and_the_renders_settings(stage: Any) -> None:
     settings = stage.reference_raytracer
     settings.samples, settings.viewport_samples, settings.seed, settings.max_bounces = 7, 5, 3, 2
