@@ -31,6 +31,8 @@ from raytracer.transfer import Parcel, Receiver, Sender
 from raytracer.workers import make_python_command, make_python_environment
 
 CHANNELS = 4
+# Pixels by which canvases grow: a region that is being resized needs a new one now and then only.
+CANVAS_STEP = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -170,6 +172,7 @@ class Live:
         if self._canvas is not None and self._canvas.pixels >= pixels:
             return
         self._canvases += 1
+        pixels = -(-pixels // CANVAS_STEP) * CANVAS_STEP
         path = Path(self._directory.name) / f"canvas-{self._canvases}"
         self._memory = np.memmap(path, np.float32, "w+", shape=(2, pixels * CHANNELS))
         self._canvas = Canvas(path, pixels)

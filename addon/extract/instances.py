@@ -95,8 +95,7 @@ class PartEntry:
 
 @dataclass
 class Placements:
-    """The parts, and for each instance worth keeping the number of its part, its (4, 4) world matrix, and Blender's
-    random number for it, 0 to 1."""
+    """The parts, and of each instance worth keeping the number of its part, (4, 4) world matrix, and random number."""
 
     parts: list[Part] = field(default_factory=list)
     part: list[int] = field(default_factory=list)
@@ -200,7 +199,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
     if not seen_by or (shown.type == "POINTCLOUD" and points is None):
         return None
     part = Part(
-        object=make_key(source),
+        object=ObjectKey(source.name_full, source.original.session_uid),
         pass_index=shown.pass_index,
         holdout=instancer.holdout_get(view_layer=context.view_layer),
         color=tuple(shown.color),
@@ -245,17 +244,13 @@ def find_materials(shown: Any, source: Any, used_slots: tuple[int, ...], context
     return context.materials.find_slots(shown.material_slots, used_slots, override, source.name)
 
 
-def make_key(source: Any) -> ObjectKey:
-    return ObjectKey(source.name_full, source.original.session_uid)
-
-
 def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
     if context.materials is None:
         return None
     seen_by = sum(SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name))
     if not seen_by & ~SEEN_BY["shadow"]:
         return None
-    return Part(make_key(source), light=shown.data, seen_by=seen_by)
+    return Part(ObjectKey(source.name_full, source.original.session_uid), light=shown.data, seen_by=seen_by)
 
 
 def find_visibility(shown: Any, instancer: Any, view_layer: Any, warnings: WarningList) -> int:

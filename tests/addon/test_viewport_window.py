@@ -73,5 +73,5 @@ def test_no_process_stays_behind(report: dict[str, Any]) -> None:
 
 def test_memory_does_not_grow_with_redraws(report: dict[str, Any]) -> None:
     early, late = report["memory after a fifth and all of the redraws, MB"]
-    # Less than a kilobyte for each of the redraws in between.
-    assert late - early < 0.001 * report["draws of redraw_often"]["count"]
+    # A redraw that lost its pixels would lose some 2 MB; the allocators' own ups and downs are 2 MB in all.
+    assert late - early < 0.01 * report["draws of redraw_often"]["count"]
