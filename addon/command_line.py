@@ -37,7 +37,7 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser(program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
     """Return the parser of the commands `names`; program : what the user has typed before them."""
-    parser = _Parser(prog=program, description="The Reference Ray Tracer without the Blender application.")
+    parser = _Parser(prog=program, description="The Reference Ray Tracer on the command line.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name in names:
         module = import_module(COMMANDS[name], __package__)

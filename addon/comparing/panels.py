@@ -72,21 +72,19 @@ class RAYTRACER_RENDER_PT_compare(bpy.types.Panel):
             layout.template_list("RAYTRACER_UL_worst", "", state, "worst", state, "worst_index", rows=5)
 
 
-class VIEW3D_PT_raytracer_verdict(bpy.types.Panel):
+class _VerdictPanel:
     """The chosen ray in exact arithmetic, and what Scene.ray_cast says."""
 
     bl_label = "Exact"
-    bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = CATEGORY
-    bl_parent_id = "VIEW3D_PT_raytracer_rays"
 
     @classmethod
     def poll(cls, context: Any) -> bool:
         return context.engine == ENGINE and find_chosen(context) is not None
 
     def draw(self, context: Any) -> None:
-        layout, ray = self.layout, find_chosen(context)
+        layout, ray = self.layout, find_chosen(context)  # type: ignore[attr-defined]
         verdicts = session.find_verdicts_on(ray) if ray else None
         if verdicts is None:
             layout.operator("raytracer.judge_ray")
@@ -98,7 +96,26 @@ class VIEW3D_PT_raytracer_verdict(bpy.types.Panel):
             draw_lines(layout, describe_verdict(verdict))
 
 
-CLASSES = (RAYTRACER_UL_worst, RAYTRACER_RENDER_PT_compare, VIEW3D_PT_raytracer_verdict)
+class VIEW3D_PT_raytracer_verdict(_VerdictPanel, bpy.types.Panel):
+    """In the 3D view."""
+
+    bl_space_type = "VIEW_3D"
+    bl_parent_id = "VIEW3D_PT_raytracer_rays"
+
+
+class IMAGE_PT_raytracer_verdict(_VerdictPanel, bpy.types.Panel):
+    """In the image editor."""
+
+    bl_space_type = "IMAGE_EDITOR"
+    bl_parent_id = "IMAGE_PT_raytracer_rays"
+
+
+CLASSES = (
+    RAYTRACER_UL_worst,
+    RAYTRACER_RENDER_PT_compare,
+    VIEW3D_PT_raytracer_verdict,
+    IMAGE_PT_raytracer_verdict,
+)
 
 
 def register() -> None:

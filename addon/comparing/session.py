@@ -77,6 +77,7 @@ def clear(*_: Any) -> None:
     _outcome = _verdicts = None
     for manager in bpy.data.window_managers:
         manager.reference_raytracer_comparison.worst.clear()
+        manager.reference_raytracer_comparison.is_running = False  # as a file may say that was saved meanwhile
 
 
 def register() -> None:

@@ -14,7 +14,7 @@ from .names import Names
 
 Line = tuple[str, tuple[str, ...]]  # name, and one value or three
 
-KIND_NAMES = {"camera": "Camera", "reflected": "Reflected", "refracted": "Refracted", "passed": "Straight on"}
+KIND_NAMES = {"reflected": "Reflected", "refracted": "Refracted", "passed": "Straight on"}
 GREEK = "\N{GREEK SMALL LETTER ALPHA}, \N{GREEK SMALL LETTER BETA}, \N{GREEK SMALL LETTER GAMMA}"
 REGION_NAMES = {Region.INSIDE: "inside", Region.EDGE: "on an edge", Region.VERTEX: "on a vertex"}
 
@@ -39,9 +39,9 @@ def order_rays(tree: Sequence[TracedRay]) -> list[int]:
     return order
 
 
-def title_ray(ray: TracedRay, names: Names) -> str:
-    """Return a ray in a few words, such as 'Reflected: Floor'."""
-    return f"{KIND_NAMES[ray.kind]}: {names.name_target(ray)}"
+def title_ray(ray: TracedRay, names: Names, first: str = "Camera") -> str:
+    """Return a ray in a few words, such as 'Reflected: Floor'; first : what a tree's first ray is called."""
+    return f"{first if ray.kind == CAMERA else KIND_NAMES[ray.kind]}: {names.name_target(ray)}"
 
 
 def describe_ray(ray: TracedRay) -> Iterator[Line]:

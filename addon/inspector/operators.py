@@ -70,7 +70,9 @@ class RAYTRACER_OT_inspect_pixel(bpy.types.Operator):
         depsgraph = context.evaluated_depsgraph_get()
         if place.area.type == "VIEW_3D":
             origin, direction = find_view_ray(place)
-            return self._inspect(lambda: session.inspect_ray(depsgraph, origin, direction, "Ray of the 3D view"))
+            return self._inspect(
+                lambda: session.inspect_ray(depsgraph, origin, direction, "Ray of the 3D view", "View")
+            )
         pixel = None
         if place.area.spaces.active.image is not None:
             pixel = find_pixel(place, session.find_frame(context.scene), context.scene.render)

@@ -22,11 +22,12 @@ from .segments import make_segments
 
 @dataclass(frozen=True, eq=False)
 class Inspected:
-    """A tree of rays, with the names of what they met, and where it begins, in words."""
+    """A tree of rays, with the names of what they met; where it begins, in words, and what its first ray is called."""
 
     tree: list[TracedRay]
     names: Names
     place: str
+    first: str = "Camera"
 
 
 _inspected: Inspected | None = None
@@ -70,11 +71,11 @@ def inspect_pixel(depsgraph: Any, x: int, y: int, frame: tuple[int, int] | None 
     return keep(Inspected(tree, find_names(extraction, tree), f"Pixel {x}, {y} of {width} x {height}"))
 
 
-def inspect_ray(depsgraph: Any, origin: Any, direction: Any, place: str) -> Inspected:
-    """Inspect the ray o + t d, t >= 0; world space, metres."""
+def inspect_ray(depsgraph: Any, origin: Any, direction: Any, place: str, first: str = "Ray") -> Inspected:
+    """Inspect the ray o + t d, t >= 0; world space, metres; place, first : as in Inspected."""
     inspector, extraction = read_inspector(depsgraph)
     tree = inspector.inspect_ray(origin, direction)
-    return keep(Inspected(tree, find_names(extraction, tree), place))
+    return keep(Inspected(tree, find_names(extraction, tree), place, first))
 
 
 def keep(inspected: Inspected) -> Inspected:
@@ -86,7 +87,7 @@ def keep(inspected: Inspected) -> Inspected:
         rows.clear()
         for number in order_rays(inspected.tree):
             row, ray = rows.add(), inspected.tree[number]
-            row.number, row.name, row.kind = number, title_ray(ray, inspected.names), ray.kind
+            row.number, row.name, row.kind = number, title_ray(ray, inspected.names, inspected.first), ray.kind
             row.depth = find_depth(inspected.tree, number)
         manager.reference_raytracer.ray_index = 0
     drawing.show_segments(make_segments(inspected.tree))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import addon
-from addon.inspector import describe, drawing, segments, session
+from addon.inspector import describe, drawing, picking, segments, session
 from addon.versions import find_node_tree
 from raytracer.traced_rays import CAMERA, REFLECTED
 from tests.addon.engine_fixtures import make_stage
@@ -172,6 +173,28 @@ def test_lines_end_at_hits_lamps_and_blockers(room: Any) -> None:
     np.testing.assert_allclose(normal[1] - normal[0], [0, 0, 10.0 * segments.NORMAL_SHARE], atol=1e-6)
     np.testing.assert_allclose(shadow[1, 2], ROOF_HEIGHT, atol=1e-6)
     np.testing.assert_array_equal(lines.colors[2, 0], np.float32(segments.LINE_COLORS["blocked"]))
+
+
+@pytest.mark.parametrize(
+    ("mouse", "crop", "size", "pixel"),
+    [
+        ((0.5, 0.25), False, (24, 16), (12, 4)),
+        ((0.999, 0.999), False, (6, 4), (23, 15)),  # an image of another size shows the whole picture
+        ((0.5, 0.25), True, (12, 8), (6 + 6, 4 + 2)),  # cropped to the border
+        ((1.0, 0.5), False, (24, 16), None),
+        ((0.5, -0.01), False, (24, 16), None),
+    ],
+)
+def test_mouse_in_the_image_finds_the_pixel_of_the_picture(
+    mouse: tuple[float, float], crop: bool, size: tuple[int, int], pixel: tuple[int, int] | None
+) -> None:
+    region = SimpleNamespace(view2d=SimpleNamespace(region_to_view=lambda x, y: mouse))
+    area = SimpleNamespace(spaces=SimpleNamespace(active=SimpleNamespace(image=SimpleNamespace(size=size))))
+    settings = SimpleNamespace(
+        use_border=crop, use_crop_to_border=crop,
+        border_min_x=0.25, border_max_x=0.75, border_min_y=0.25, border_max_y=0.75,
+    )  # fmt: skip
+    assert picking.find_pixel(picking.Place(area, region, 0, 0), (24, 16), settings) == pixel
 
 
 def test_rays_that_end_nowhere_are_as_long_as_the_cameras(room: Any) -> None:

@@ -106,6 +106,30 @@ def test_extension_installs_into_the_bpy_module_and_renders(package: Path, blend
     assert_shows_plane(picture)
 
 
+COMPARE_AND_INSPECT = """
+import bpy
+from bl_ext.user_default.reference_raytracer.comparing import session
+bpy.context.scene.render.engine = "REFERENCE_RAYTRACER"
+assert bpy.ops.raytracer.compare_ray_cast(width=16, rays=4) == {"FINISHED"}
+print("numbers", session.find_outcome().numbers["ours_wrong"], session.find_outcome().numbers["rays"])
+assert bpy.ops.raytracer.inspect_pixel(x=8, y=5) == {"FINISHED"}
+print("rays", [ray.name for ray in bpy.context.window_manager.reference_raytracer.rays])
+"""
+
+
+@pytest.mark.skipif(not BLENDER, reason="set BLENDER to a Blender application to test the extension in it")
+def test_installed_extension_compares_inspects_and_has_its_command(package: Path, blend: Path, tmp_path: Path) -> None:
+    run(BLENDER, "--command", "extension", "install-file", "-r", "user_default", "-e", package, home=tmp_path)
+    script, picture = tmp_path / "script.py", tmp_path / "picture.exr"
+    script.write_text(COMPARE_AND_INSPECT)
+    done = run(BLENDER, "-b", blend, "--python-exit-code", "3", "-P", script, home=tmp_path)
+    assert "numbers 0 156" in done.stdout  # 16 x 9 rays of the camera, 3 x 4 others
+    assert "rays ['Camera: Plane']" in done.stdout
+    command = ("--command", "raytracer", "render", blend, "-o", picture, "--size", "12x8", "--samples", "2")
+    assert run(BLENDER, *command, home=tmp_path).stdout.strip().endswith(str(picture))
+    assert_shows_plane(picture)
+
+
 @pytest.mark.skipif(not BLENDER, reason="set BLENDER to a Blender application to test the extension in it")
 def test_extension_installs_into_the_application_and_renders(package: Path, blend: Path, tmp_path: Path) -> None:
     run(BLENDER, "--command", "extension", "install-file", "-r", "user_default", "-e", package, home=tmp_path)

@@ -51,7 +51,7 @@ def test_rays_are_picked_drawn_and_cleared(tmp_path: Path) -> None:
     assert report["picking"] == ["RUNNING_MODAL"]
     assert (report["after_escape"], report["modal_after_escape"]) == (len(report["rays"]), [])
     assert report["picked_in_picture"] == ["0 Camera: Mirror disc", "1 Reflected: Backdrop"]
-    assert report["picked_in_view"] == report["after_undo"] == ["0 Camera: Backdrop"]
+    assert report["picked_in_view"] == report["after_undo"] == ["0 View: Backdrop"]
     assert report["after_load"] == [True, True]
 
 
