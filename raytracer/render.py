@@ -31,8 +31,8 @@ from raytracer.workers import Workers
 # Seconds of work between two signs of progress. (`is_cancelled` is asked at every cast, far more often.)
 BLOCK_SECONDS = 1.0
 
-# Camera rays; with fewer at a time NumPy's calls cost more than its arithmetic.
-SMALLEST_BLOCK = 1 << 16
+# Camera rays; with fewer at a time NumPy's calls cost more than its arithmetic in the later waves of mirrors and glass.
+SMALLEST_BLOCK = 1 << 17
 
 # Dimension of the pixel filter's samples; the integrator counts its own from 0 upwards.
 FILTER_DIMENSION = WORD_LIMIT - 1
