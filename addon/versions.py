@@ -102,11 +102,6 @@ def returns_lost_light(version: tuple[int, ...] = VERSION) -> bool:
     return version >= (4, 3)
 
 
-def keeps_coats_flat(version: tuple[int, ...] = VERSION) -> bool:
-    """Return True where a coat without a normal of its own has the surface's, not that of what lies under it."""
-    return version < (5, 0)
-
-
 def has_simple_coats(version: tuple[int, ...] = VERSION) -> bool:
     """Return True where rough coats lose light and dim what is under them as smooth ones would: in 4.2, not in 5.0."""
     return version < (5, 0)

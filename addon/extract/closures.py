@@ -165,8 +165,8 @@ def read_layers(inputs: NodeInputs) -> Fields:
             "coat_normal": inputs.normal("Coat Normal"),
             "simple_coat": float(versions.has_simple_coats()),
         }
-        if fields["coat_normal"] is None and versions.keeps_coats_flat():
-            fields["coat_normal"] = np.zeros(3)
+        if fields["coat_normal"] is None and inputs.normal() is not None:
+            fields["coat_normal"] = np.zeros(3)  # flat: what bends the base does not bend its coat
     if inputs.is_used("Sheen Weight"):
         fields |= {
             "sheen_weight": inputs.number("Sheen Weight"),

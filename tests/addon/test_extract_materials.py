@@ -271,6 +271,17 @@ def test_principled_layers(tree: Any) -> None:
     assert not texts()
 
 
+def test_what_bends_the_base_does_not_bend_its_coat(tree: Any) -> None:
+    node = add(tree, "ShaderNodeBsdfPrincipled", Coat_Weight=0.5)
+    assert extract_closure().coat_normal is None
+    bend = tree.nodes.new("ShaderNodeNormalMap")
+    bend.inputs["Color"].default_value = (0.75, 0.5, 0.9, 1.0)
+    tree.links.new(bend.outputs["Normal"], node.inputs["Normal"])
+    closure = extract_closure()
+    assert isinstance(closure.normal, Register)
+    assert_array_equal(closure.coat_normal, np.zeros(3))
+
+
 def test_layers_that_are_off_are_not_read(tree: Any) -> None:
     add(tree, "ShaderNodeBsdfPrincipled", Coat_Roughness=0.25, Sheen_Roughness=0.125, Anisotropic_Rotation=0.5)
     closure = extract_closure()

@@ -166,6 +166,20 @@ def test_a_pane_without_transparent_shadow_lets_the_light_of_an_even_world_pass_
     assert_pictures_agree(scene, samples=16)
 
 
+def test_a_coat_on_a_bent_base_is_flat_as_in_cycles() -> None:
+    """Black under its coat, so that the coat's reflection of a lamp is all that is seen."""
+    scene = make_stage()
+    add_lamp("AREA", {"size": 1.0}, location=(2.0, 0.0, 3.0), power=200.0)
+    material = building.make_principled("Coated", (0, 0, 0), coat_weight=1.0, coat_roughness=0.3)
+    tree = material.node_tree
+    principled, bend = tree.nodes["Principled BSDF"], tree.nodes.new("ShaderNodeNormalMap")
+    principled.inputs["Specular IOR Level"].default_value = 0.0
+    bend.space, bend.inputs["Color"].default_value = "WORLD", (0.75, 0.5, 0.9, 1.0)
+    tree.links.new(bend.outputs["Normal"], principled.inputs["Normal"])
+    bpy.data.objects["Plane"].data.materials[0] = material
+    assert_pictures_agree(scene, samples=16)
+
+
 def test_a_surface_that_only_shadow_rays_pass_agrees() -> None:
     """The usual trick with Light Path: seen as diffuse, and without a shadow."""
     make_stage()
