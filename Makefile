@@ -54,6 +54,7 @@ report: $(REPORT_READY)
 	@mkdir -p build
 	@$(BIN)/python -m addon bench --json $(BENCH_OPTIONS) > build/bench.json
 	@$(BIN)/python -m tests.benchmarks.report build/bench.json tests/report
+	@$(BIN)/python -m tests.benchmarks.agreement tests/report
 
 extension: $(READY)
 	@$(BIN)/python .ci/build_extension dist
