@@ -69,10 +69,8 @@ class RAYTRACER_OT_inspect_pixel(bpy.types.Operator):
             return {"CANCELLED"}
         depsgraph = context.evaluated_depsgraph_get()
         if place.area.type == "VIEW_3D":
-            origin, direction = find_view_ray(place)
-            return self._inspect(
-                lambda: session.inspect_ray(depsgraph, origin, direction, "Ray of the 3D view", "View")
-            )
+            ray, space = find_view_ray(place), place.area.spaces.active
+            return self._inspect(lambda: session.inspect_ray(depsgraph, *ray, "Ray of the 3D view", "View", space))
         pixel = None
         if place.area.spaces.active.image is not None:
             pixel = find_pixel(place, session.find_frame(context.scene), context.scene.render)

@@ -38,15 +38,17 @@ def find_inspected() -> Inspected | None:
     return _inspected
 
 
-def read_inspector(depsgraph: Any) -> tuple[Inspector, Extraction]:
+def read_inspector(depsgraph: Any, space: Any = None) -> tuple[Inspector, Extraction]:
     """Return what looks at the rays of the scene as a depsgraph shows it.
+
+    space : the 3D view that it is seen in, which needs no camera and may hide objects; None as the camera sees it
 
     Raises
     ------
     ValueError
         If the scene cannot be rendered.
     """
-    extraction = extract_scene(depsgraph)
+    extraction = extract_scene(depsgraph, space=space)
     settings = raytracer.Settings(**settings_keywords(depsgraph.scene_eval))
     caster = raytracer.build(extraction.scene, settings.precision)
     return make_inspector(extraction.scene, caster, settings, find_frame(depsgraph.scene_eval)), extraction
@@ -71,9 +73,14 @@ def inspect_pixel(depsgraph: Any, x: int, y: int, frame: tuple[int, int] | None 
     return keep(Inspected(tree, find_names(extraction, tree), f"Pixel {x}, {y} of {width} x {height}"))
 
 
-def inspect_ray(depsgraph: Any, origin: Any, direction: Any, place: str, first: str = "Ray") -> Inspected:
-    """Inspect the ray o + t d, t >= 0; world space, metres; place, first : as in Inspected."""
-    inspector, extraction = read_inspector(depsgraph)
+def inspect_ray(
+    depsgraph: Any, origin: Any, direction: Any, place: str, first: str = "Ray", space: Any = None
+) -> Inspected:
+    """Inspect the ray o + t d, t >= 0; world space, metres.
+
+    place, first : as in Inspected; space : as in `read_inspector`
+    """
+    inspector, extraction = read_inspector(depsgraph, space)
     tree = inspector.inspect_ray(origin, direction)
     return keep(Inspected(tree, find_names(extraction, tree), place, first))
 

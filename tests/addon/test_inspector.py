@@ -164,6 +164,20 @@ def test_scene_without_a_camera_is_an_error(room: Any) -> None:
         bpy.ops.raytracer.inspect_pixel(x=0, y=0)
 
 
+def test_ray_of_a_3d_view_needs_no_camera_and_sees_what_the_view_shows(room: Any) -> None:
+    room.camera = None
+    areas = [area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"]
+    space = areas[0].spaces.active
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    inspected = session.inspect_ray(depsgraph, (4.5, -4.5, 9.0), (0, 0, -1), "Ray of the 3D view", "View", space)
+    rows = bpy.context.window_manager.reference_raytracer.rays
+    assert [row.name for row in rows] == ["View: Mirror", "Reflected: nothing"]
+    assert inspected.tree[0].hit is not None
+    space.show_object_viewport_mesh = False
+    hidden = session.inspect_ray(depsgraph, (4.5, -4.5, 9.0), (0, 0, -1), "Ray of the 3D view", "View", space)
+    assert hidden.tree[0].hit is None
+
+
 def test_lines_end_at_hits_lamps_and_blockers(room: Any) -> None:
     tree = inspect(3, 12).tree
     lines = segments.make_segments(tree)
