@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,9 @@ import pytest
 ROOT = Path(__file__).parents[2]
 BLENDER = os.environ.get("BLENDER", "")
 NO_SCREEN = ("Unable to open a display", "initialization failed", "cannot open display")
+
+# Seconds; a test that waits longer has failed.
+PATIENCE = 60.0
 
 pytestmark = [
     pytest.mark.slow,
@@ -67,8 +71,19 @@ def test_no_process_stays_behind(report: dict[str, Any]) -> None:
     assert report["processes after change of engine"] == 0
     assert report["process at exit"]
     for process in report["process at exit"]:
-        with pytest.raises(ProcessLookupError):
+        wait_for_end(process)
+
+
+def wait_for_end(process: int) -> None:
+    """Wait until a process is no more; it notices by itself that Blender has gone."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        try:
             os.kill(process, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.1)
+    pytest.fail(f"process {process} stayed behind")
 
 
 def test_memory_does_not_grow_with_redraws(report: dict[str, Any]) -> None:
