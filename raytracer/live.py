@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate import Caster, build
 from raytracer.progressive import COARSEST, Picture, Target, measure_part, refine
-from raytracer.scene import Camera, Mesh, PointLight, Scene
+from raytracer.scene import Camera, Closure, Material, Mesh, PointLight, Scene
 from raytracer.transfer import Parcel, Receiver, Sender
 from raytracer.workers import make_python_command, make_python_environment
 
@@ -318,11 +318,13 @@ def _read_messages(stream: IO[bytes], inbox: queue.SimpleQueue[Any]) -> None:
 
 
 def warm_up() -> None:
-    """Draw something small, so that the first picture need not wait for what is made once."""
+    """Draw something small, so that the first picture need not wait for what is made once: the albedo tables of
+    microfacets above all."""
     camera = Camera(np.eye(4))
     corners = [(-1.0, -1.0, -3.0), (1.0, -1.0, -3.0), (0.0, 1.0, -3.0)]
     scene = Scene(
         meshes=[Mesh(corners, [(0, 1, 2)])],
+        materials=[Material([Closure("principled", roughness=0.5)])],
         lights=[PointLight((0.0, 0.0, 0.0), (10.0, 10.0, 10.0), radius=0.1)],
     )
     target = Target(camera, 64, 64, samples=1, settings={"integrator": "path"})

@@ -137,7 +137,7 @@ def show_default_scene() -> Iterator[None]:
     pool.prepare()
     yield from until(lambda: bool(pool._waiting))
     area = areas()[0]
-    yield from wait(2.0)
+    yield from wait(6.0)
     started = time.perf_counter()
     set_view(area, "CAMERA")
     yield from until(lambda: bool(viewports()) and shown(viewports()[0]) is not None)

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raytracer import render
-from raytracer.live import Live, describe_error
+from raytracer import microfacet_albedo, render
+from raytracer.live import Live, describe_error, warm_up
 from raytracer.progressive import Picture, Target
-from raytracer.scene import Camera, Mesh, PointLight, Scene
+from raytracer.scene import Camera, Closure, Material, Mesh, PointLight, Scene
 
 CAMERA = Camera(np.eye(4))
 SETTINGS = {"integrator": "path", "pixel_filter": "box", "filter_width": 1.0}
@@ -109,6 +109,16 @@ def test_what_cannot_be_drawn_is_said_and_does_not_last(live: Live) -> None:
     assert live.report.error == "Settings: max_bounces: expected a whole number of 0 or more, got -1"
     live.draw(TARGET, "certified")
     np.testing.assert_array_equal(wait_for_last(live).pixels, expect(make_scene(), TARGET))
+
+
+def test_after_warming_up_a_principled_surface_waits_for_no_table() -> None:
+    warm_up()
+    made = microfacet_albedo.reflection_tables.cache_info().misses, microfacet_albedo.schlick_table.cache_info().misses
+    assert min(made) > 0
+    surface = replace(make_scene(), materials=[Material([Closure("principled", roughness=0.3)])], camera=CAMERA)
+    render(surface, 16, 16, 1, **SETTINGS)
+    found = microfacet_albedo.reflection_tables.cache_info().misses, microfacet_albedo.schlick_table.cache_info().misses
+    assert found == made
 
 
 def test_errors_are_sentences() -> None:
