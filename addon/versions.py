@@ -45,7 +45,7 @@ def eevee_engine_name(version: tuple[int, ...] = VERSION) -> str:
 def find_node_tree(owner: Any) -> Any:
     """Return the shader nodes in use by a material, world or light, or None where it has or uses none.
 
-    `use_nodes` is deprecated, and always true, for materials and worlds since 5.0 and for lights since 5.2; reading it
+    `use_nodes` is deprecated, and always true, for materials and worlds since 5.0 and for lights since 5.1; reading it
     there warns, so the property itself is asked first.
     """
     switch = owner.bl_rna.properties.get("use_nodes")

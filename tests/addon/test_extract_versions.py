@@ -54,4 +54,4 @@ def test_node_tree_in_use_is_found_without_warning() -> None:
     material, world = bpy.data.materials.new("Material"), bpy.data.worlds.new("World")
     always = versions.VERSION >= (5, 0)
     assert [versions.find_node_tree(owner) is not None for owner in (material, world)] == [always, always]
-    assert (versions.find_node_tree(light) is not None) == (versions.VERSION >= (5, 2))
+    assert (versions.find_node_tree(light) is not None) == (versions.VERSION >= (5, 1))
