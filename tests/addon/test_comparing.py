@@ -13,6 +13,7 @@ import pytest
 
 import addon
 from addon.compare import results, verdict
+from addon.compare.aims import Aimed
 from addon.comparing import describe, heat_map, job, operators, session
 from addon.inspector import session as inspector
 from tests.addon.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage
@@ -140,6 +141,26 @@ def test_worst_pixels_are_sorted_and_apart() -> None:
     heat[4, 5], heat[5, 6], heat[19, 29], heat[0, 0] = 0.9, 0.8, 0.7, 0.1
     assert results.find_worst(heat) == [(4, 5, 0.9), (19, 29, 0.7), (0, 0, 0.1)]
     assert results.find_worst(np.zeros((3, 3))) == []
+
+
+def test_ray_that_hits_different_surfaces_is_brightest_where_its_pixel_is() -> None:
+    width, height, odd, far = 4, 3, 2, 9  # camera rays are numbered from the lower left corner; one other ray follows
+    count = width * height + 1
+    target, other, error = np.zeros(count, dtype=int), np.zeros(count, dtype=int), np.zeros(count)
+    other[odd], error[far] = 1, 0.25
+    comparison = SimpleNamespace(
+        rays=Aimed(np.zeros((count, 3)), np.ones((count, 3)), np.array(["camera"] * (count - 1) + ["edge"])),
+        ours=SimpleNamespace(target=target),
+        blender=SimpleNamespace(target=other),
+        agreeing=target == other,
+        position_error=error,
+        summarise=dict,
+    )
+    outcome = results.make_ray_cast_outcome(comparison, width, height)
+    assert outcome.heat[2, 2] == 1.0  # the lowest row is the last
+    assert outcome.heat[0, 1] == results.LARGEST_HEAT
+    assert np.count_nonzero(outcome.heat) == 2
+    assert [(entry.x, entry.y) for entry in outcome.worst] == [(2, 0), (1, 2)]
 
 
 def test_heat_map_has_the_top_row_on_top(stage: Any) -> None:
