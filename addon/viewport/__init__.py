@@ -41,7 +41,7 @@ class Viewport:
         """Draw the region as far as it is, and let the renderer know where it looks."""
         pixel_size = int(engine.get_preview_pixel_size(depsgraph.scene))
         region, data, space = context.region, context.region_data, context.space_data
-        self.session.look(region, data, space, depsgraph.scene_eval, pixel_size)
+        self.session.look(region, data, space, depsgraph, pixel_size)
         picture = self.session.read_picture()
         if picture is not None:
             self.canvas.take(picture)

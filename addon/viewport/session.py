@@ -63,11 +63,15 @@ class Session:
         """Take the next change for a change of anything: what happened is not announced."""
         self._depsgraph = 0
 
-    def look(self, region: Any, region_data: Any, space: Any, scene: Any, pixel_size: int) -> None:
-        """Take the view as it is now; what is being drawn goes on if it is the same. Called at every redraw."""
+    def look(self, region: Any, region_data: Any, space: Any, depsgraph: Any, pixel_size: int) -> None:
+        """Take the view as it is now; what is being drawn goes on if it is the same. Called at every redraw.
+
+        The settings are those of the original scene: a script that changes them tags nothing for evaluation.
+        """
+        scene = depsgraph.scene
         self._view_error = ""
         try:
-            target = make_target(read_view(region, region_data, space, scene), scene, pixel_size)
+            target = make_target(read_view(region, region_data, space, depsgraph.scene_eval), scene, pixel_size)
         except EmptyBorderError:
             return
         except Exception as error:

@@ -426,7 +426,7 @@ class Watch:
 
     def look(self) -> None:
         data = look_through(self.stage.camera, 24, 16)
-        self.session.look(make_region(24, 16), data, self.space, update().scene_eval, 1)
+        self.session.look(make_region(24, 16), data, self.space, update(), 1)
 
     def wait(self) -> np.ndarray:
         """Return the last picture of what was asked, row 0 at the top."""
@@ -477,6 +477,18 @@ def test_session_follows_changes(watch: Watch, stage: Any) -> None:
     np.testing.assert_array_equal(watch.wait(), render_stage())
 
 
+def test_session_follows_settings_that_a_script_changes(watch: Watch, stage: Any) -> None:
+    watch.update()
+    depsgraph = update()
+    data = look_through(stage.camera, 24, 16)
+    watch.session.look(make_region(24, 16), data, watch.space, depsgraph, 1)
+    job = watch.session._live._job
+    stage.reference_raytracer.seed = 5
+    watch.session.look(make_region(24, 16), data, watch.space, depsgraph, 1)
+    assert watch.session._live._job == job + 1
+    np.testing.assert_array_equal(watch.wait(), render_stage())
+
+
 def test_session_draws_on_where_nothing_changed(watch: Watch) -> None:
     watch.update()
     watch.look()
@@ -518,7 +530,7 @@ def test_session_says_what_is_wrong_and_goes_on_afterwards(watch: Watch, stage: 
     data = SimpleNamespace(
         window_matrix=np.diag([1.0, 1.0, -1.0, 1.0]), view_matrix=np.eye(4), view_perspective="CAMERA"
     )
-    watch.session.look(make_region(24, 16), data, watch.space, update().scene_eval, 1)
+    watch.session.look(make_region(24, 16), data, watch.space, update(), 1)
     assert watch.session.status.startswith("Error: Camera 'Camera' has a scale of [0.0, 1.0, 1.0]")
     stage.camera.scale = (1.0, 1.0, 1.0)
     watch.look()
