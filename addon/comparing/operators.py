@@ -221,14 +221,4 @@ CLASSES = (
     RAYTRACER_OT_judge_ray,
 )
 
-
-def register() -> None:
-    """Add the operators."""
-    for operator in CLASSES:
-        bpy.utils.register_class(operator)
-
-
-def unregister() -> None:
-    """Take them out."""
-    for operator in reversed(CLASSES):
-        bpy.utils.unregister_class(operator)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -117,14 +117,4 @@ CLASSES = (
     IMAGE_PT_raytracer_verdict,
 )
 
-
-def register() -> None:
-    """Add list and panels."""
-    for panel in CLASSES:
-        bpy.utils.register_class(panel)
-
-
-def unregister() -> None:
-    """Take them out."""
-    for panel in reversed(CLASSES):
-        bpy.utils.unregister_class(panel)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -109,14 +109,4 @@ class RAYTRACER_OT_clear_rays(bpy.types.Operator):
 
 CLASSES = (RAYTRACER_OT_inspect_pixel, RAYTRACER_OT_clear_rays)
 
-
-def register() -> None:
-    """Add the operators."""
-    for operator in CLASSES:
-        bpy.utils.register_class(operator)
-
-
-def unregister() -> None:
-    """Take them out."""
-    for operator in reversed(CLASSES):
-        bpy.utils.unregister_class(operator)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -155,14 +155,4 @@ def make_panels(space: str, prefix: str) -> tuple[Any, ...]:
 
 CLASSES = (RAYTRACER_UL_rays, *make_panels("VIEW_3D", "VIEW3D"), *make_panels("IMAGE_EDITOR", "IMAGE"))
 
-
-def register() -> None:
-    """Add list and panels."""
-    for panel in CLASSES:
-        bpy.utils.register_class(panel)
-
-
-def unregister() -> None:
-    """Take them out."""
-    for panel in reversed(CLASSES):
-        bpy.utils.unregister_class(panel)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)
