@@ -173,12 +173,16 @@ MARCHED_STEPS = 64
 SUN_COLUMNS, SUN_ROWS = 256, 64
 # A fit of the light that comes from other points of the atmosphere.
 ELSEWHERE = 0.02 * np.array([0.217, 0.347, 0.594, 1.0])
+# Per kilometre, as in the model: keeps (1 - exp(-e s)) / e defined in empty air. The longest way through the shell has
+# 2 sqrt(2 GLOBE THICKNESS) = 2260 km, over which so little takes 0.02% of the light at most.
 SMALLEST_EXTINCTION = 1e-7
+# Kilometres, as in the model: keeps the logarithm of a height defined. The fit's ozone below it is exp(-840), nothing.
+LOWEST_HEIGHT = 1e-4
 
 
 def _measure_coefficients(height: Numbers, atmosphere: Atmosphere) -> tuple[Floats, Floats, Floats]:
     """(..., 4) scattering of air and of haze, and the extinction, per kilometre, at heights in kilometres."""
-    log = np.log(np.maximum(height, 1e-4))
+    log = np.log(np.maximum(height, LOWEST_HEIGHT))
     air = np.exp(-0.07771971 * height**1.16364243)
     ozone = 3.78547397e20 * np.exp(-((log - 3.22261) ** 2) * 5.55555555 - log)
     haze = 1.3681e20 * np.exp(-height / 0.73) + 2e6

@@ -29,10 +29,14 @@ from raytracer.microfacet_albedo import read_plane
 from raytracer.rays import Floats
 from raytracer.sheen_table import sheen_table
 
-# Cycles' limits of parameters: below them the shapes are not defined.
+# Cycles' limits of parameters (bsdf_sheen.h, bsdf_ashikhmin_velvet.h, bsdf_toon.h), which are part of the shapes: the
+# table of sheen starts at the first, and at 0 velvet would divide by its width, toon have no lit angle.
 SMALLEST_SHEEN, SMALLEST_VELVET, SMALLEST_TOON = 1e-3, 0.01, 1e-5
-# Below this cosine tan overflows in Fujii's albedo, whose limit is known.
-SMALLEST_COSINE = 1e-6
+# Cycles' velvet is dark where its half vector is so near the normal, or the view's cosine to it so small.
+VELVET_BORDER = 1e-5
+# Fujii's albedo holds (1 - sin^3) / cos, whose rounding error is eps / cos; its expansion to first order in cos is off
+# by cos^2. Both errors are equal, 4e-11, at this cosine.
+SMALLEST_COSINE = float(np.finfo(np.float64).eps) ** (1 / 3)
 
 
 class DiffuseShape(Protocol):
@@ -145,7 +149,7 @@ class Velvet(_Record):
         cos_in, cos_out = dot(self.normal, incoming), dot(self.normal, self.outgoing)
         cos_half, cos_facet = dot(self.normal, half), np.abs(dot(half, self.outgoing))
         # Cycles' limit of both cosines.
-        valid = (cos_in > 0) & (cos_out > 0) & (np.abs(cos_half) < 1.0 - 1e-5) & (cos_facet > 1e-5)
+        valid = (cos_in > 0) & (cos_out > 0) & (np.abs(cos_half) < 1.0 - VELVET_BORDER) & (cos_facet > VELVET_BORDER)
         cos_facet, cos_out = np.where(valid, cos_facet, 1.0), np.where(valid, cos_out, 1.0)
         sine = np.where(valid, 1.0 - cos_half**2, 1.0)
         width = np.maximum(self.width, SMALLEST_VELVET) ** 2
