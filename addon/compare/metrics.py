@@ -25,8 +25,6 @@ Booleans = NDArray[np.bool_]
 # Keeps the relative error finite where the reference is black (Rousselle et al. 2011, section 4).
 RELATIVE_MSE_OFFSET = 0.01
 TILE = 16
-# Noise alone exceeds so many of its standard errors in 1 of 370 tiles.
-NOISE_ERRORS = 3.0
 # Probability that the test rejects a picture whose expected values are equal.
 SIGNIFICANCE = 0.01
 # Pixels around a pixel whose variance speaks for it too, see `pool_variance`.
@@ -71,7 +69,8 @@ class TileDifference(NamedTuple):
 
     error : of all tiles' the largest
     noise : standard error of that difference
-    bias : the largest share of a tile's level by which its difference exceeds `NOISE_ERRORS` standard errors
+    bias : the largest share of a tile's level by which its difference exceeds what noise explains: so many standard
+        errors as noise alone exceeds anywhere in the picture with a probability of SIGNIFICANCE
     """
 
     error: float
@@ -85,7 +84,8 @@ def measure_tiles(ours: Floats, theirs: Floats, size: int = TILE) -> TileDiffere
     means = [side.mean(axis=0) for side in tiles]
     noise = np.sqrt(sum(side.var(axis=0, ddof=1) / len(side) for side in tiles))
     difference = np.abs(means[0] - means[1])
-    beyond = np.maximum(difference - NOISE_ERRORS * noise, 0.0)
+    explained = student_quantile(correct_significance(noise.size), sum(map(len, tiles)) - 2)
+    beyond = np.maximum(difference - explained * noise, 0.0)
     level = np.broadcast_to(means[1].mean(axis=-1, keepdims=True), beyond.shape)
     share = np.divide(beyond, level, out=np.where(beyond > 0, np.inf, 0.0), where=level > 0)
     largest = np.unravel_index(difference.argmax(), difference.shape)
@@ -113,6 +113,17 @@ def student_tail(statistic: Floats, degrees: NDArray[np.integer]) -> Floats:
         inside = np.sin(angle) * total
         tail[chosen] = 1 - (2 / np.pi * (angle + inside) if odd else inside)
     return np.clip(tail, 0.0, 1.0)
+
+
+def student_quantile(probability: float, degrees: int) -> float:
+    """Return t with P(|T| >= t) = probability for Student's t, by halving."""
+    low, high = 0.0, 1.0
+    while student_tail(np.array(high), np.array(degrees)) > probability:
+        high *= 2.0
+    while (middle := (low + high) / 2.0) not in (low, high):
+        above = student_tail(np.array(middle), np.array(degrees)) > probability
+        low, high = (middle, high) if above else (low, middle)
+    return high
 
 
 def compare_means(ours: Floats, theirs: Floats, slack: Floats | float = 0.0, pool: int = 1) -> Floats:

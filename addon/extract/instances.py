@@ -194,6 +194,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
     seen_by = find_visibility(shown, instancer, context.view_layer, own)
     if seen_by:
         warn_hair(source, own)
+        warn_linking(source, own)
     points = extract_points(shown.data, source.name, own) if seen_by and shown.type == "POINTCLOUD" else None
     context.warnings.include(own.records)
     if not seen_by or (shown.type == "POINTCLOUD" and points is None):
@@ -250,6 +251,7 @@ def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
     seen_by = sum(SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name))
     if not seen_by & ~SEEN_BY["shadow"]:
         return None
+    warn_linking(source, context.warnings)
     return Part(ObjectKey(source.name_full, source.original.session_uid), light=shown.data, seen_by=seen_by)
 
 
@@ -263,6 +265,15 @@ def find_visibility(shown: Any, instancer: Any, view_layer: Any, warnings: Warni
     if seen_by and (shown.is_shadow_catcher or instancer.is_shadow_catcher):
         warnings.add("shadow catcher is not supported, shown as an ordinary object", shown.name)
     return seen_by
+
+
+def warn_linking(source: Any, warnings: WarningList) -> None:
+    """Name what lights, or is shadowed by, some objects only."""
+    linking = source.light_linking
+    if linking.receiver_collection is not None:
+        warnings.add("light linking is not supported, its light reaches all objects", source.name)
+    if linking.blocker_collection is not None:
+        warnings.add("shadow linking is not supported, all objects shadow its light", source.name)
 
 
 def warn_hair(source: Any, warnings: WarningList) -> None:

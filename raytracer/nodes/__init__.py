@@ -23,13 +23,25 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.nodes import arithmetic, color, environments, images, inputs, mapping, normals, patterns, ramps
+from raytracer.nodes import (
+    arithmetic,
+    blackbody,
+    color,
+    environments,
+    images,
+    inputs,
+    mapping,
+    normals,
+    patterns,
+    ramps,
+)
 from raytracer.nodes.operation import Array, Operation
 from raytracer.programs import Program, Register, Step, Value
 from raytracer.sites import Site
 
 OPERATIONS: dict[str, Operation] = {
     **arithmetic.OPERATIONS,
+    **blackbody.OPERATIONS,
     **color.OPERATIONS,
     **environments.OPERATIONS,
     **images.OPERATIONS,

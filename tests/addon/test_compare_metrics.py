@@ -34,7 +34,7 @@ def test_tiles_cover_pictures_that_are_no_multiple_of_the_tile():
 
 
 def test_measured_tiles_tell_noise_from_bias(rng):
-    """Known noise: the standard error is known; a bias of 10 of them shows as what lies beyond 3."""
+    """Known noise: the standard error is known; a bias of 20 of them shows as what lies beyond some."""
     batches, sigma, level = 64, 0.32, 2.0
     sides = [level + rng.normal(0, sigma, (batches, 32, 32, 1)) for _ in range(2)]
     expected = sigma / 16 * np.sqrt(2 / batches)
@@ -44,11 +44,18 @@ def test_measured_tiles_tell_noise_from_bias(rng):
     # The estimate of a standard deviation from n numbers is off by about 1 / sqrt(2 n).
     assert noise_alone.noise == pytest.approx(expected, rel=4 / np.sqrt(2 * batches))
     assert noise_alone.bias == 0.0
-    sides[0][:, 16:, :16] += 10 * expected
+    sides[0][:, 16:, :16] += 20 * expected
+    explained = metrics.student_quantile(metrics.correct_significance(4), 2 * batches - 2)
     biased = metrics.measure_tiles(*sides)
-    assert biased.bias == pytest.approx(7 * expected / level, rel=0.5)
+    assert biased.bias == pytest.approx((20 - explained) * expected / level, rel=0.3)
     assert metrics.measure_tiles(np.zeros((2, 4, 4, 3)), np.zeros((2, 4, 4, 3))).bias == 0.0
     assert metrics.measure_tiles(np.ones((2, 4, 4, 3)), np.zeros((2, 4, 4, 3))).bias == np.inf
+
+
+@pytest.mark.parametrize(("probability", "degrees", "quantile"), [(0.01, 14, 2.9768), (0.05, 2, 4.3027), (0.5, 1, 1.0)])
+def test_quantiles_are_those_of_tables(probability, degrees, quantile):
+    """Abramowitz and Stegun, table 26.10."""
+    assert metrics.student_quantile(probability, degrees) == pytest.approx(quantile, abs=1e-4)
 
 
 def test_tile_difference_finds_a_local_bias():

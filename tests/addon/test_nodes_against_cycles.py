@@ -21,6 +21,8 @@ pytestmark = pytest.mark.blender
 SMOOTH = 1e-5
 # Functions tens of times as steep as their coordinates.
 STEEP = 1e-4
+# Cycles fits the colours of glowing bodies by rational functions.
+GLOWING = 1e-2
 # Cycles keeps a vertex's normal in 32 bits: its tangent plane is off by up to 1e-4.
 PACKED_NORMALS = 4e-4
 
@@ -359,6 +361,18 @@ ADJUSTMENTS = {
     "normal": make("ShaderNodeNormal", "Normal"),
     "dot with a normal": make("ShaderNodeNormal", "Dot", {"Normal": CENTRED}),
 }
+
+
+def test_glowing_bodies_agree(empty_scene: Any, record_property: Any) -> None:
+    """Cycles' colours come from a fit of Planck's; below its coldest and above its hottest both stay as they are."""
+    bodies = {
+        f"{low} to {low + reach} K": make(
+            "ShaderNodeBlackbody",
+            inputs={"Temperature": part(stretch(GENERATED, (reach, 0, 0), (low, 0, 0)), "X")},
+        )
+        for low, reach in ((500, 1500), (2000, 4000), (6000, 7000))
+    }
+    assert_agreement(bodies, GLOWING, record_property)
 
 
 def test_adjustments_agree(empty_scene: Any, record_property: Any) -> None:
