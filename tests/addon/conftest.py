@@ -8,6 +8,8 @@ from typing import Any
 import bpy
 import pytest
 
+from tests.addon.shader_trees import give_nodes
+
 
 @pytest.fixture(autouse=True, scope="session")
 def _unregister_engines() -> Iterator[None]:
@@ -32,3 +34,19 @@ def scene_with_camera(empty_scene: Any) -> Any:
     empty_scene.collection.objects.link(camera)
     empty_scene.camera = camera
     return empty_scene
+
+
+@pytest.fixture
+def shown(scene_with_camera: Any) -> Any:
+    """Return an object of one triangle, without material."""
+    mesh = bpy.data.meshes.new("Mesh")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+    triangle = bpy.data.objects.new("Object", mesh)
+    scene_with_camera.collection.objects.link(triangle)
+    return triangle
+
+
+@pytest.fixture
+def tree(shown: Any) -> Any:
+    """Return the nodes of a new material on the object: an output, nothing else."""
+    return give_nodes(shown, "Material")
