@@ -106,9 +106,8 @@ def compute_columns(computed: ComputedMaterials, recipes: Recipes, surface: Surf
 
 
 def _make_site(computed: ComputedMaterials, surface: Surface, path: LightPath | None, points: NDArray[np.intp]) -> Site:
-    chosen = None if path is None else path.select(points)
-    travelled = np.zeros(len(points)) if chosen is None else chosen.values["travelled"]
-    return Site(surface.select(points), computed.tables, chosen, measure_footprint(computed.tables, travelled))
+    chosen, surface = None if path is None else path.select(points), surface.select(points)
+    return Site(surface, computed.tables, chosen, measure_footprint(computed.tables, surface, chosen))
 
 
 def limit(name: str, values: object) -> Floats:
