@@ -92,9 +92,9 @@ def read_light_settings(light: Any) -> LightSettings:
 def multiplies_alpha(image: Any, version: tuple[int, ...] = VERSION) -> bool:
     """Return True where Cycles multiplies the colors that Blender hands it by their alpha.
 
-    Up to 5.1 those of byte images, since 5.2 those of images that are said to be straight.
+    Up to 5.0 those of byte images, since 5.1 those of images that are said to be straight.
     """
-    return image.alpha_mode == "STRAIGHT" if version >= (5, 2) else not image.is_float
+    return image.alpha_mode == "STRAIGHT" if version >= (5, 1) else not image.is_float
 
 
 def returns_lost_light(version: tuple[int, ...] = VERSION) -> bool:

@@ -150,7 +150,8 @@ class Shading:
             side = -part.normal if part.transmits else part.normal
             total[part.hit] += mean_column(part.albedo)[:, np.newaxis] * side
         for lobes in self.lobes:
-            total[lobes.hit] += mean_column(lobes.weight)[:, np.newaxis] * lobes.normal
+            weight = mean_column(lobes.weight) / lobes.energy_scale  # Cycles keeps that factor apart
+            total[lobes.hit] += weight[:, np.newaxis] * lobes.normal
         return np.where((total != 0).any(axis=1, keepdims=True), normalize(total), self.normal)
 
 

@@ -127,10 +127,11 @@ def make_lobes(
         reflection=facets.reflection,
         transmission=facets.transmission,
         albedo=np.ones(len(points.rows)),
+        energy_scale=np.ones(len(points.rows)),
         beckmann=grain.beckmann,
         stretch=_lay_stretch(closures, points, normal, grain),
     )
-    scaled = weight.copy()
+    scaled, energy_scale = weight.copy(), lobes.energy_scale
     returned = ~lobes.is_perfect & (grain.multiscatter > 0)
     for rows, read in (
         (np.flatnonzero(returned & ~refracts), lambda x, y, _: read_reflection(x, y)),
@@ -140,6 +141,7 @@ def make_lobes(
             share, mean = read(roughness[rows], cosine[rows], eta[rows])
             added = compensate(share, mean, np.minimum(mean_color[rows], 1.0)) - 1.0
             scaled[rows] *= 1.0 + grain.multiscatter[rows, np.newaxis] * added
+            energy_scale[rows] += grain.multiscatter[rows] * (1.0 / share - 1.0)
     return dataclasses.replace(lobes, weight=scaled, albedo=_estimate_albedo(lobes, cosine))
 
 

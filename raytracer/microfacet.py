@@ -57,6 +57,8 @@ class Microfacets:
         the real and the imaginary part of its index of refraction
     reflection, transmission : (m, 3) float64, tints; 0 switches that side off
     albedo : (m,) float64, estimate of the share of light that the lobe sends on, without `weight`
+    energy_scale : (m,) float64, the factor in `weight` for what lossless facets would send on only after
+        further bounces, 1 / E; 1 where that is left out
     beckmann : Beckmann's distribution instead of GGX
     stretch : None where no lobe is stretched
     """
@@ -72,6 +74,7 @@ class Microfacets:
     reflection: Floats
     transmission: Floats
     albedo: Floats
+    energy_scale: Floats
     beckmann: bool = False
     stretch: Stretch | None = None
 

@@ -6,22 +6,13 @@ from tests.benchmarks import agreement
 
 pytestmark = pytest.mark.blender
 
-# Known to miss the bar, and why; each still has to meet the rest of it.
-KNOWN = {
-    "textured_suzanne": (
-        "pass Normal",
-        "in its mean of normals Cycles weighs rough lobes without what energy compensation adds, so the flat coat more",
-    ),
-}
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", agreement.list_files())
 def test_a_file_agrees_with_cycles(name, record_property):
     numbers = agreement.compare_file(name).summarise()
     record_property("numbers", numbers)
-    label = KNOWN.get(name, ("nothing",))[0]
-    assert [miss for miss in agreement.find_misses(numbers) if not miss.startswith(label)] == []
+    assert agreement.find_misses(numbers) == []
 
 
 def test_misses_of_the_bar_are_named():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from addon.compare import metrics
+from addon.compare.with_cycles import compare_pass
 
 
 def draw_batches(rng, mean, deviation, batches=8, shape=(48, 64, 3)):
@@ -140,3 +141,17 @@ def test_a_single_batch_is_refused():
 def test_corrected_significance_keeps_the_probability_of_any_failure():
     level = metrics.correct_significance(6144, 0.01)
     assert 1 - (1 - level) ** 6144 == pytest.approx(0.01, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "name", ["Depth", "Position", "Normal", "UV", "Diffuse Color", "Emission", "Alpha", "Object Index"]
+)
+def test_a_single_wrong_pixel_of_a_pass_is_found(rng, name):
+    """Among pixels of the right values, each the same in every batch, and also where chance decides further off."""
+    ours = np.tile(np.round(rng.uniform(1, 3, size=(12, 16, 1)), 1), (8, 1, 1, 1))
+    ours[:, :, 10:] += rng.normal(0, 0.1, size=(8, 12, 6, 1))
+    cycles = ours.copy()
+    cycles[:, :, 10:] = np.roll(ours, 1, axis=0)[:, :, 10:]
+    assert compare_pass(name, ours, cycles).share == 0.0
+    cycles[:, 5, 4] += 1.0
+    assert np.argwhere(compare_pass(name, ours, cycles).differing).tolist() == [[5, 4]]

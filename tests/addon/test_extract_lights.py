@@ -147,7 +147,7 @@ def test_light_is_hidden_from_some_rays(add_light: Callable[..., Any]) -> None:
 
 def test_nodes_of_a_light_scale_it(add_light: Callable[..., Any]) -> None:
     data = add_light("POINT", energy=8).data
-    if versions.VERSION < (5, 2):
+    if versions.VERSION < (5, 1):
         data.use_nodes = True
     emission = next(node for node in data.node_tree.nodes if node.type == "EMISSION")
     emission.inputs["Color"].default_value, emission.inputs["Strength"].default_value = (1, 0.5, 0.25, 1), 2

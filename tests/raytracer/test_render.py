@@ -293,14 +293,14 @@ def test_plan_covers_every_pixel_of_every_pass_once():
 
 
 def test_plan_fits_blocks_to_the_time_they_take():
-    """At 10 microseconds per ray, a second is 100000 rays; at 1 microsecond the largest block is less."""
-    for microseconds, size in ((10, 100_000), (1, 262_144), (1000, 65_536)):
-        plan = BlockPlan(pixels=10**7, passes=1, largest=2**18)
+    """At 5 microseconds per ray, a second is 200000 rays; at 1 microsecond the largest block is less."""
+    for microseconds, size in ((5, 200_000), (1, 524_288), (1000, 131_072)):
+        plan = BlockPlan(pixels=10**7, passes=1, largest=2**19)
         blocks = []
         for block in plan:
             blocks.append(block.stop - block.start)
             plan.observe(make_result(block, blocks[-1] * microseconds * 1e-6))
-        assert SMALLEST_BLOCK == 65536
+        assert SMALLEST_BLOCK == 131072
         assert 0.99 * SMALLEST_BLOCK < blocks[0] <= SMALLEST_BLOCK
         assert 0.9 * size < blocks[-1] <= size
         assert max(b / a for a, b in itertools.pairwise(blocks)) <= 2.05
