@@ -22,6 +22,9 @@ SAMPLES ?= 8
 BIN := .venv/bin
 READY := .venv/ready
 REPORT_READY := .venv/report_ready
+# Tests run in so many processes, each file in one of them; PROCESSES=0 runs them in one, as a debugger wants it.
+PROCESSES ?= 2
+SHARED_OUT = -n $(PROCESSES) --dist loadfile
 # For instance BENCH_OPTIONS='--rays 100000 --rounds 7 --large'.
 BENCH_OPTIONS ?=
 
@@ -36,10 +39,10 @@ render: $(READY)
 	@$(BIN)/python -m addon render $(SCENE) -o $(PICTURE) --size $(SIZE) --samples $(SAMPLES)
 
 test: $(READY)
-	@$(BIN)/python -m pytest -m 'not slow' tests
+	@$(BIN)/python -m pytest $(SHARED_OUT) -m 'not slow' tests
 
 test-all: $(READY)
-	@$(BIN)/python -m pytest tests
+	@$(BIN)/python -m pytest $(SHARED_OUT) tests
 
 check: $(READY)
 	@$(BIN)/ruff format --check .
