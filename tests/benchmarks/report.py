@@ -60,7 +60,8 @@ def write_report(numbers, folder):
         write("accuracy.md", [ACCURACY_HEAD, *describe_run(numbers), *write_accuracy(numbers)])
     if numbers.get("speed"):
         draw("speed.png", plots.plot_speed)
-        write("speed.md", [SPEED_HEAD, *describe_run(numbers), *write_speed(numbers)])
+        bounds = Path(__file__).with_name("speed_bounds.md").read_text()
+        write("speed.md", [SPEED_HEAD, *describe_run(numbers), *write_speed(numbers), bounds])
     if write_pictures(numbers):
         images = []
         for section, name, plot in (
