@@ -103,8 +103,9 @@ def returns_lost_light(version: tuple[int, ...] = VERSION) -> bool:
 
 
 def has_simple_coats(version: tuple[int, ...] = VERSION) -> bool:
-    """Return True where rough coats lose light and dim what is under them as smooth ones would: in 4.2, not in 5.0."""
-    return version < (5, 0)
+    """Return True where rough coats lose light and dim what is under them as smooth ones would: in 4.2, not in 4.5
+    (4.3 and 4.4 are taken for 4.5)."""
+    return version < (4, 3)
 
 
 def default_shader(version: tuple[int, ...] = VERSION) -> str:
