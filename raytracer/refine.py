@@ -27,8 +27,9 @@ _LOWEST_BIT = -1074
 _UNIT_OF_ZERO = 1 << 12
 # What the lower halves of split factors leave to rounding, `correct_distance`.
 _HALVES_BOUND = 3 * 2.0**-26 * UNIT_ROUNDOFF
-# A bound wider than this many unit roundoffs of the distance (half ulps, or fewer) is worth a computation in pairs.
-_WIDE = 6
+# A bound wider than this many unit roundoffs of the distance, each between half an ulp and one, is worth a computation
+# in pairs.
+_WIDE = 3
 
 
 def _in_range(permanent: Floats, *vectors: Floats) -> NDArray[np.bool_]:
