@@ -9,6 +9,9 @@ CIE 1931 standard colorimetric observer; the spectra as collected in Blender's i
 
 import numpy as np
 
+# Factors of the units that the tables are written in.
+PER_MEGAMETRE, PER_GIGAMETRE = 1e-6, 1e-9
+
 # W m^-2 nm^-1, outside the atmosphere.
 SUN_IRRADIANCE = np.array(
     [
@@ -36,7 +39,7 @@ SUN_IRRADIANCE = np.array(
     ]
 )
 # Per metre, at the ground.
-RAYLEIGH_SCATTERING = 1e-6 * np.array(
+RAYLEIGH_SCATTERING = PER_MEGAMETRE * np.array(
     [
         54.24820088,
         44.18549867,
@@ -62,7 +65,7 @@ RAYLEIGH_SCATTERING = 1e-6 * np.array(
     ]
 )
 # Per metre, where it is densest.
-OZONE_ABSORPTION = 1e-9 * np.array(
+OZONE_ABSORPTION = PER_GIGAMETRE * np.array(
     [
         3.25126850,
         5.85395365,

@@ -7,7 +7,6 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-from bpy.props import IntProperty
 
 from ..inspector import session as inspector
 from ..inspector.drawing import redraw
@@ -15,6 +14,7 @@ from ..inspector.panels import find_chosen
 from . import session
 from .heat_map import IMAGE_NAME, open_image
 from .job import ComparisonError, Running
+from .properties import rays_property, samples_property, width_property
 
 POLL_SECONDS = 0.25
 
@@ -42,13 +42,7 @@ class _Compare:
 
     kind = ""
 
-    width: IntProperty(  # type: ignore[valid-type]
-        name="Width",
-        description="Width in pixels of both pictures, or camera rays in a row; the height follows the scene's format",
-        default=192,
-        min=16,
-        max=16384,
-    )
+    width: width_property()  # type: ignore[valid-type]
 
     @classmethod
     def poll(cls, context: Any) -> bool:
@@ -124,12 +118,7 @@ class RAYTRACER_OT_compare_cycles(_Compare, bpy.types.Operator):
     bl_options = {"REGISTER"}  # noqa: RUF012
     kind = "cycles"
 
-    samples: IntProperty(  # type: ignore[valid-type]
-        name="Samples",
-        description="Light paths per pixel for each engine; the fewer, the more of the difference is noise",
-        default=64,
-        min=1,
-    )
+    samples: samples_property()  # type: ignore[valid-type]
 
     def _count_samples(self) -> int:
         return int(self.samples)
@@ -143,12 +132,7 @@ class RAYTRACER_OT_compare_ray_cast(_Compare, bpy.types.Operator):
     bl_options = {"REGISTER"}  # noqa: RUF012
     kind = "ray_cast"
 
-    rays: IntProperty(  # type: ignore[valid-type]
-        name="Other Rays",
-        description="Number of rays besides the camera's: so many each at random, towards vertices and towards edges",
-        default=4096,
-        min=1,
-    )
+    rays: rays_property()  # type: ignore[valid-type]
 
     def _count_samples(self) -> int:
         return int(self.rays)

@@ -15,14 +15,9 @@ def choose_row(state: Any, context: Any) -> None:
     session.inspect_worst(context, state.worst_index)
 
 
-class ReferenceRaytracerWorst(bpy.types.PropertyGroup):
-    """A row of the list of the worst pixels; `name` says what is wrong."""
-
-
-class ReferenceRaytracerComparison(bpy.types.PropertyGroup):
-    """Settings and results of comparisons in this session."""
-
-    width: IntProperty(  # type: ignore[valid-type]
+def width_property() -> Any:
+    """The width of a comparison's pictures; of the panel and of the operators alike, as the next two."""
+    return IntProperty(
         name="Width",
         description="Width in pixels of both pictures, or camera rays in a row; the height follows the scene's format",
         default=192,
@@ -31,20 +26,40 @@ class ReferenceRaytracerComparison(bpy.types.PropertyGroup):
         max=16384,
         subtype="PIXEL",
     )
-    samples: IntProperty(  # type: ignore[valid-type]
+
+
+def samples_property() -> Any:
+    """The samples of a comparison with Cycles."""
+    return IntProperty(
         name="Samples",
         description="Light paths per pixel for each engine; the fewer, the more of the difference is noise",
         default=64,
         min=1,
         soft_max=1024,
     )
-    rays: IntProperty(  # type: ignore[valid-type]
+
+
+def rays_property() -> Any:
+    """The rays of a comparison with Scene.ray_cast."""
+    return IntProperty(
         name="Other Rays",
         description="Number of rays besides the camera's: so many each at random, towards vertices and towards edges",
         default=4096,
         min=1,
         soft_max=65536,
     )
+
+
+class ReferenceRaytracerWorst(bpy.types.PropertyGroup):
+    """A row of the list of the worst pixels; `name` says what is wrong."""
+
+
+class ReferenceRaytracerComparison(bpy.types.PropertyGroup):
+    """Settings and results of comparisons in this session."""
+
+    width: width_property()  # type: ignore[valid-type]
+    samples: samples_property()  # type: ignore[valid-type]
+    rays: rays_property()  # type: ignore[valid-type]
     is_running: BoolProperty(  # type: ignore[valid-type]
         name="Running", description="Whether a comparison is being made"
     )

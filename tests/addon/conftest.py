@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 import pytest
 
+import addon
 from tests.addon.shader_trees import give_nodes
 
 
@@ -18,6 +19,14 @@ def _unregister_engines() -> Iterator[None]:
     for engine in bpy.types.RenderEngine.__subclasses__():
         if engine.is_registered and engine.__module__.split(".")[0] in ("addon", "tests"):
             bpy.utils.unregister_class(engine)
+
+
+@pytest.fixture(scope="module")
+def registered_addon() -> Iterator[None]:
+    """Register the add-on for the tests of a module: pytestmark = pytest.mark.usefixtures("registered_addon")."""
+    addon.register()
+    yield
+    addon.unregister()
 
 
 @pytest.fixture

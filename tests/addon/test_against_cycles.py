@@ -11,11 +11,12 @@ from pathlib import Path
 import bpy
 import pytest
 
-import addon
 from addon.compare import metrics
 from addon.compare.rendering import Request, render_both
 from addon.compare.with_cycles import compare_passes, compare_with_cycles
 from blend_scenes import building
+
+pytestmark = pytest.mark.usefixtures("registered_addon")
 
 SCENES = sorted((Path(__file__).parents[2] / "blend_scenes").glob("*.blend"))
 # The largest scenes: their pictures, and more bounces, are compared in the slow tier.
@@ -30,13 +31,6 @@ SMALL_SIZE = (32, 24)
 # With 16 samples the mean of Cycles over any number of seeds is off by some 0.03% (a disk-shaped lamp over a plane,
 # against quadrature), with 64 by less than 0.005%; tiles show the former.
 CYCLES_FACTOR = 8
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _registered():
-    addon.register()
-    yield
-    addon.unregister()
 
 
 def mark_large(paths):

@@ -212,7 +212,7 @@ LIBRARIES = ("Embree (Open3D)", "Embree (embreex)", "Mitsuba 3", "trimesh (NumPy
 )
 def test_peer_is_asked_and_understood_correctly(name: str) -> None:
     peers, skipped = load_peers({name: find_loaders()[name]})
-    if skipped:
+    if skipped:  # peers are optional; the report names those it had to do without in the same words
         pytest.skip(f"{name}: {skipped[name]}")
     built = peers[0].build(*meshes.make_quad(2.0))
     origins = np.array([(0.5, -0.5, 3), (-0.5, 0.5, 3), (5, 5, 3), (0.5, -0.5, 3)], dtype=np.float64)

@@ -5,33 +5,24 @@ The bar of the furnace is half a percent of Cycles' value; what chance adds, by 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-import addon
 from addon.versions import VERSION
 from blend_scenes import building
 from tests.addon import furnace
 from tests.addon.furnace import FURNACE, ROUGHNESS, TINT, measure_furnace, metallic, node, principled
 from tests.addon.test_against_cycles import add_lamp, assert_pictures_agree, make_stage
 
-pytestmark = pytest.mark.blender
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 
 BAR = 0.005
 # For some hundred comparisons of three colours.
 STANDARD_ERRORS = 4.5
 # Where Cycles shows less than this of a white light, its float32 and its cuts of small weights count.
 DARKEST = 0.01
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _registered() -> Iterator[None]:
-    addon.register()
-    yield
-    addon.unregister()
 
 
 def find_largest_difference(measured: furnace.Furnace) -> np.ndarray:

@@ -9,7 +9,6 @@ import gc
 import itertools
 import tracemalloc
 import weakref
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ import bpy
 import numpy as np
 import pytest
 
-import addon
 import raytracer
 from addon import engine
 from addon.statistics import last_render
@@ -25,16 +23,11 @@ from addon.versions import set_image_format
 from raytracer.workers import WorkerError
 from tests.addon.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage, render_channels, render_pass, select_pass
 
+pytestmark = pytest.mark.usefixtures("registered_addon")
+
 RED, GREEN = (0.75, 0.125, 0.0), (0.0, 0.5, 0.25)  # exact in binary
 LEFT, RIGHT = (-WIDTH / 2, 0.0), (0.0, WIDTH / 2)
 LOWER, UPPER = (-HEIGHT / 2, 0.0), (0.0, HEIGHT / 2)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _registered() -> Iterator[None]:
-    addon.register()
-    yield
-    addon.unregister()
 
 
 @pytest.fixture

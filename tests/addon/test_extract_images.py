@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-import addon
 from addon.extract.color_spaces import LINEAR_SPACES, REC709, find_decoder, xyz_from_linear
 from addon.extract.images import ImageTable, associate, extract_image, read_floats
 from addon.extract.nodes import Place
@@ -145,13 +144,6 @@ FORMATS = {
 }
 
 
-@pytest.fixture(scope="module")
-def _registered() -> Any:
-    addon.register()
-    yield
-    addon.unregister()
-
-
 def save_file(folder: Path, name: str) -> Any:
     """Write the pixels to a file of a format, and return an image that reads it."""
     settings = bpy.context.scene.render.image_settings
@@ -164,7 +156,7 @@ def save_file(folder: Path, name: str) -> Any:
     return bpy.data.images.load(str(path))
 
 
-@pytest.mark.usefixtures("_registered")
+@pytest.mark.usefixtures("registered_addon")
 def test_files_look_as_in_cycles(empty_scene: Any, tmp_path: Path, record_property: Any) -> None:
     empty_scene.view_settings.view_transform = "Standard"
     images = {name: save_file(tmp_path, name) for name in FORMATS}
@@ -178,7 +170,7 @@ def test_files_look_as_in_cycles(empty_scene: Any, tmp_path: Path, record_proper
     assert {name: value for name, value in differences.items() if value > FORMATS[name][1]} == {}
 
 
-@pytest.mark.usefixtures("_registered")
+@pytest.mark.usefixtures("registered_addon")
 def test_a_missing_image_is_magenta_as_in_cycles(empty_scene: Any) -> None:
     image = bpy.data.images.new("Lost", 1, 1)
     image.source, image.filepath = "FILE", "//nowhere.png"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +10,6 @@ import bpy
 import numpy as np
 import pytest
 
-import addon
 from addon import engine, frames
 from addon.compare.exr import read_exr
 from addon.extract import mesh_table
@@ -19,14 +17,9 @@ from addon.statistics import last_render
 from addon.versions import set_image_format
 from tests.addon.engine_fixtures import add_plane, make_stage
 
+pytestmark = pytest.mark.usefixtures("registered_addon")
+
 LAST = 3
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _registered() -> Iterator[None]:
-    addon.register()
-    yield
-    addon.unregister()
 
 
 @pytest.fixture

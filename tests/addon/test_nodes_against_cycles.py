@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 
-import addon
 from addon.versions import VERSION
 from tests.addon.node_fixtures import Make, add_node
 from tests.addon.node_sources import (
@@ -26,14 +25,7 @@ from tests.addon.node_sources import (
     stretch,
 )
 
-pytestmark = pytest.mark.blender
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _registered() -> Any:
-    addon.register()
-    yield
-    addon.unregister()
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 
 
 COORDINATES = {

@@ -8,10 +8,11 @@ by Mitsuba 3's bar, and all whole tiles. One case of each kind is quick; all oth
 import bpy
 import pytest
 
-import addon
 from addon.compare import metrics
 from addon.compare.rendering import Request, render_both
 from blend_scenes import building
+
+pytestmark = pytest.mark.usefixtures("registered_addon")
 
 SIZE = (32, 24)
 # Mitsuba 3's render tests let so many pixels fail.
@@ -19,13 +20,6 @@ MITSUBA_BAR = 0.0025
 SAMPLES, BATCHES = 16, 12
 # Cycles' mean over any number of seeds is a little off with few samples (see test_against_cycles).
 CYCLES_FACTOR = 4
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _registered():
-    addon.register()
-    yield
-    addon.unregister()
 
 
 def make_room():

@@ -6,7 +6,6 @@ import bpy
 import numpy as np
 import pytest
 
-import addon
 from tests.addon.node_fixtures import Make, add_node
 from tests.addon.node_sources import (
     CENTRED,
@@ -23,14 +22,7 @@ from tests.addon.node_sources import (
     stretch,
 )
 
-pytestmark = pytest.mark.blender
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _registered() -> Any:
-    addon.register()
-    yield
-    addon.unregister()
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 
 
 NOISE_TYPES = ("MULTIFRACTAL", "FBM", "HYBRID_MULTIFRACTAL", "RIDGED_MULTIFRACTAL", "HETERO_TERRAIN")

@@ -11,20 +11,12 @@ import bpy
 import numpy as np
 import pytest
 
-import addon
 from addon.versions import VERSION, find_node_tree
 from blend_scenes import building
 from tests.addon.node_fixtures import add_node, render_centres, render_cycles
 from tests.addon.test_against_cycles import add_lamp, assert_pictures_agree, make_stage
 
-pytestmark = pytest.mark.blender
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _registered() -> Any:
-    addon.register()
-    yield
-    addon.unregister()
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 
 
 def make_material(make: Callable[[Any], Any]) -> Any:

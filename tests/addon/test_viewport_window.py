@@ -42,6 +42,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     )
     output = done.stdout + done.stderr
     if any(line in output for line in NO_SCREEN):
+        # Asked for by BLENDER, but there is nothing to draw on; anything else that goes wrong fails below.
         pytest.skip("Blender found no screen to open a window on")
     path = folder / "report.json"
     assert path.exists(), output

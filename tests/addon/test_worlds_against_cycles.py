@@ -4,11 +4,12 @@ import bpy
 import numpy as np
 import pytest
 
-import addon
 from addon.compare import metrics
 from addon.compare.rendering import Request, render_both
 from addon.versions import VERSION, find_node_tree
 from blend_scenes import building
+
+pytestmark = pytest.mark.usefixtures("registered_addon")
 
 SIZE = (32, 24)
 MITSUBA_BAR = 0.0025
@@ -17,13 +18,6 @@ CYCLES_FACTOR = 8
 SAMPLES, BATCHES = 16, 8
 TURN = (0.3, 0.2, 1.0)
 WIDTH, HEIGHT = 64, 32
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _registered():
-    addon.register()
-    yield
-    addon.unregister()
 
 
 def assert_pictures_agree(scene, max_bounces=1, samples=SAMPLES):
