@@ -14,9 +14,10 @@ import resource
 import shutil
 import subprocess
 import sys
+import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -115,15 +116,37 @@ def set_view(area: Any, perspective: str) -> None:
 
 
 def time_first_picture(name: str, change: Any) -> Iterator[None]:
-    """Measure the time from a change to the first picture that shows it: by the clock, and of processors."""
+    """Measure the time from a change to the first picture that shows it: when it came, when it was on the screen.
+
+    Between the two lies Blender's own redraw of its window, which on a virtual screen takes a quarter of a second.
+    """
     live = viewports()[0].session._live
-    job, started, worked = live._job, time.perf_counter(), measure_work(live)
+    job, started = live._job, time.perf_counter()
+    arrived = watch_arrival(live, job)
     change()
     yield from until(lambda: live._job > job and shown(viewports()[0]) is not None)
-    report[name] = {
-        "seconds": time.perf_counter() - started,
-        "of the render process": measure_work(live) - worked,
-    }
+    report[name] = {"seconds until it is on the screen": time.perf_counter() - started, **arrived(started)}
+
+
+def watch_arrival(live: Any, job: int) -> Callable[[float], dict[str, float]]:
+    """Look for the first report on a later job, in a thread; return what tells when it came and the work for it."""
+    worked = measure_work(live)
+    found: dict[str, float] = {}
+
+    def look() -> None:
+        end = time.perf_counter() + PATIENCE
+        while time.perf_counter() < end and not (live.report is not None and live.report.job > job):
+            time.sleep(0.002)
+        found.update(clock=time.perf_counter(), work=measure_work(live) - worked)
+
+    thread = threading.Thread(target=look, daemon=True)
+    thread.start()
+
+    def tell(started: float) -> dict[str, float]:
+        thread.join()
+        return {"seconds until it came": found["clock"] - started, "of the render process": found["work"]}
+
+    return tell
 
 
 def measure_work(live: Any) -> float:
@@ -141,7 +164,7 @@ def show_default_scene() -> Iterator[None]:
     started = time.perf_counter()
     set_view(area, "CAMERA")
     yield from until(lambda: bool(viewports()) and shown(viewports()[0]) is not None)
-    report["first picture, Rendered switched on"] = {"seconds": time.perf_counter() - started}
+    report["first picture, Rendered switched on"] = {"seconds until it is on the screen": time.perf_counter() - started}
     yield from until_drawn("camera")
     cube = bpy.data.objects["Cube"]
     yield from time_first_picture("first picture, object moved", lambda: setattr(cube.location, "x", 0.5))
