@@ -25,8 +25,8 @@ from tests.benchmarks.pictures import (
     render_repeatedly,
 )
 
+# A choice of scenes for a quicker report.
 SMALL = ("cornell_box", "hard_shadows", "penumbra", "plane_and_spheres", "glass", "still_life", "terrain")
-LARGE = ("facing_mirrors", "forest", "lights", "spheres_point_cloud", "text_and_curves")
 TARGETS = (0.01, 0.003)
 SAMPLES = {OURS: (2, 8, 24), CYCLES: (4, 16, 64)}
 # Pictures that noise is measured from: a few bright pixels hold most of it where mirrors meet.
@@ -47,9 +47,13 @@ bpy.ops.render.render(write_still=True)
 
 
 def measure_equal_error(large, progress):
-    """Return a row for every scene and target, with both engines' fits and the ratios of their times."""
+    """Return a row for every scene and target, with both engines' fits and the ratios of their times.
+
+    `large` takes all files of blend_scenes, which is a minute or two each.
+    """
+    others = sorted({path.stem for path in SCENES.glob("*.blend")} - set(SMALL)) if large else []
     rows = []
-    for name in progress(SMALL + LARGE if large else SMALL, "equal error"):
+    for name in progress([*SMALL, *others], "equal error"):
         fits = {engine: measure_engine(name, engine) for engine in (OURS, CYCLES)}
         process = {engine: measure_process(name, engine) for engine in (OURS, CYCLES)}
         for target in TARGETS:
