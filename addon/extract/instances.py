@@ -92,6 +92,12 @@ class PartEntry:
     sources: tuple[int, ...]
     warnings: tuple[Warning, ...]
 
+    def renumber(self, mesh: int | None, material: int) -> PartEntry:
+        """Return the entry with other numbers for its mesh and its material; itself where they are the same."""
+        if (mesh, material) == (self.part.mesh, self.part.material):
+            return self
+        return replace(self, part=replace(self.part, mesh=mesh, material=material))
+
 
 @dataclass
 class Placements:
@@ -181,11 +187,9 @@ def renew_part(last: PartEntry, source: Any, context: Context) -> PartEntry | No
     context.warnings.include(last.warnings)
     entry = context.meshes.reuse(source, last.mesh) if last.mesh else None
     indices = tuple(materials.reuse(identity) for identity in last.materials)
-    if entry is not None:
-        part = replace(last.part, mesh=context.meshes.find_index(entry, None, indices, last.attributes))
-    else:
-        part = replace(last.part, material=indices[0])
-    return replace(last, part=part)
+    if entry is None:
+        return last.renumber(None, indices[0])
+    return last.renumber(context.meshes.find_index(entry, None, indices, last.attributes), last.part.material)
 
 
 def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> PartEntry | None:
