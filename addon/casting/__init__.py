@@ -108,6 +108,8 @@ def limit_rays(rays: Rays, distance: ArrayLike) -> Rays:
     metres = as_array(distance, np.float64, ("n",) if np.ndim(distance) else (), "distance")
     if metres.shape not in ((), (len(rays),)):
         raise ValueError(f"distance: expected a number or an array ({len(rays)},), got shape {metres.shape}")
+    if metres.shape == () and metres == np.inf:
+        return rays
     largest = np.abs(rays.directions).max(axis=1)  # (n,)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # Scaled before it is squared: a length below 1e-160 would be 0.
