@@ -348,6 +348,14 @@ def test_equal_error_solves_the_fits() -> None:
     assert row["ratios"] == pytest.approx({"persistent": 5 / 11, "render": 6 / 12, "process": 6.5 / 15})
 
 
+def test_equal_error_makes_no_number_of_a_few_bright_pixels() -> None:
+    fit = {"c": 0.1, "p": 0.5, "a": 1.0, "b": 0.1, "a_fresh": 2.0}
+    fits = {"raytracer": fit, "Cycles": fit | {"p": 0.2}}
+    row = equal_error.compare_times(fits, {"raytracer": 5.0, "Cycles": 2.0}, 0.01)
+    assert set(row["ratios"].values()) == {None}
+    assert tables.show_ratio(row["ratios"]["persistent"]) == tables.NOTHING
+
+
 @pytest.mark.parametrize("feature", ablation.FEATURES)
 def test_an_absent_feature_is_never_called(monkeypatch: pytest.MonkeyPatch, feature: str) -> None:
     monkeypatch.setattr(ablation, "WIDTH", 160)
@@ -369,7 +377,7 @@ def test_report_writes_tables_and_plots(tmp_path: Path) -> None:
     row = {"scene": "box", "triangles": 12, "peer": CERTIFIED}
     numbers["speed"] = [row | {"family": "camera", "rays": 9, "mrays_per_second": 1.5}]
     numbers["builds"] = [row | {"seconds": 0.25}]
-    fit = {"samples": 9.0, "persistent": 2.0}
+    fit = {"p": 0.5, "samples": 9.0, "persistent": 2.0}
     ratios = {"persistent": 0.5, "render": 0.5, "process": 0.4}
     numbers["equal_error"] = [
         {"scene": "box", "target": 0.01, "raytracer": fit, "Cycles": fit, "ratios": ratios},

@@ -126,7 +126,7 @@ def plot_convergence(numbers, path, caption):
 
 def plot_equal_error(numbers, path, caption):
     """Cycles' time over ours at equal error, one bar for each scene and target; 1 = equal."""
-    rows = numbers["equal_error"]
+    rows = [row for row in numbers["equal_error"] if row["ratios"]["persistent"] is not None]
     scenes, targets = (list(dict.fromkeys(row[key] for row in rows)) for key in ("scene", "target"))
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     axes = figure.subplots()

@@ -34,7 +34,8 @@ PICTURES_HEAD = """# Pictures
 
 Both engines compute the same light, of pixels seen through a box filter, with one thread each and processor time. The
 error is the root mean square noise over the picture's mean level, told from independent renders. Equal error: the error
-c N^-p and the time a + b N are fitted to a few numbers of samples N and solved for the error wanted.
+c N^-p and the time a + b N are fitted to a few numbers of samples N and solved for the error wanted; where p is below
+0.4, a few bright pixels hold the noise and the fit tells nothing: a dash.
 
 """
 

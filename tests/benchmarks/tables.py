@@ -81,6 +81,11 @@ def show(value):
     return f"{value:.0f}" if 100 <= abs(value) < 1e7 else f"{value:.3g}"
 
 
+def show_ratio(value):
+    """Two decimals, or a dash for no number."""
+    return NOTHING if value is None else f"{value:.2f}"
+
+
 def show_rate(failures, rays):
     """Wrong answers per million; for none the bound on what may have been overlooked."""
     rate = bound_rate(failures, rays)
@@ -109,12 +114,17 @@ COST = ("scene", "family", "rays", "certified ns", "float64 ns", "ratio", "promi
 PICTURE_TABLES = (
     (
         "equal_error", "Cycles' time over ours at equal error",
-        ("scene", "error", "persistent", "render call", "process", "our samples", "seconds", "Cycles'", "seconds"),
+        (
+            "scene", "error", "persistent", "render call", "process",
+            "our p", "samples", "seconds", "Cycles' p", "samples", "seconds",
+        ),
         lambda row: [
             row["scene"], f"{row['target']:.1%}",
-            *(f"{row['ratios'][kind]:.2f}" for kind in ("persistent", "render", "process")),
-            show(row["raytracer"]["samples"]), show(row["raytracer"]["persistent"]),
-            show(row["Cycles"]["samples"]), show(row["Cycles"]["persistent"]),
+            *(show_ratio(row["ratios"][kind]) for kind in ("persistent", "render", "process")),
+            *(
+                value for engine in ("raytracer", "Cycles")
+                for value in (f"{row[engine]['p']:.2f}", show(row[engine]["samples"]), show(row[engine]["persistent"]))
+            ),
         ],
     ),
     (
