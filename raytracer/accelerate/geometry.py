@@ -124,4 +124,9 @@ def instance_corners(geometry: Geometry, instance: int) -> Floats:
     mesh = geometry.instance_mesh[instance]
     first, count = geometry.mesh_first[mesh], geometry.mesh_count[mesh]
     triangles = geometry.triangles[first : first + count]
-    return transform_points(geometry.world_from_object[instance], geometry.positions[triangles])
+    if not count:
+        return np.zeros((0, 3, 3))
+    low, high = triangles.min(), triangles.max()
+    # Once for each vertex: triangles share them.
+    positions = transform_points(geometry.world_from_object[instance], geometry.positions[low : high + 1])
+    return positions.take(triangles - low, axis=0)
