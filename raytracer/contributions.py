@@ -10,7 +10,7 @@ import numpy as np
 from raytracer.bounces import describe_kinds
 from raytracer.closures import Shading
 from raytracer.emitters import emitter_density
-from raytracer.environment import environment_density, find_environment
+from raytracer.environment import Environment, environment_density, find_environment
 from raytracer.lecture import length
 from raytracer.lights import evaluate_light
 from raytracer.paths import Paths, Record
@@ -36,13 +36,20 @@ def add_background(integrator: Integrator, record: Record, paths: Paths, hits: H
         record.background[missed.row[missed.direct]] += mean_column(missed.throughput[missed.direct])
         missed = missed.select(~missed.direct)
     if integrator.background is not None and len(missed):
-        directions = missed.rays.directions
-        sampled = environment_density(integrator.background, missed.scatter_normal, directions)
-        share = power_heuristic(missed.density, sampled)[:, np.newaxis]
-        path = describe_rays(missed, FARTHEST) if integrator.background.program is not None else None
-        radiance = find_environment(integrator.background, directions, path)
-        light = clamp_met(integrator.settings, missed.bounces, missed.throughput * share * radiance)
+        light = see_background(integrator, integrator.background, missed)
         record.add("Combined", missed.row, light)
+        if record.backdrop is not None:
+            record.backdrop[missed.row[missed.direct]] += light[missed.direct]
+
+
+def see_background(integrator: Integrator, background: Environment, paths: Paths) -> Floats:
+    """Return what the world adds to paths (k, 3) that see it, in the share that light sampling leaves to them."""
+    directions = paths.rays.directions
+    sampled = environment_density(background, paths.scatter_normal, directions)
+    share = power_heuristic(paths.density, sampled)[:, np.newaxis]
+    path = describe_rays(paths, FARTHEST) if background.program is not None else None
+    radiance = find_environment(background, directions, path)
+    return clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
 
 
 def add_lamps(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:

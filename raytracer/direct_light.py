@@ -16,7 +16,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate import Caster
 from raytracer.closures import Shading
 from raytracer.emitters import (
     Emitters,
@@ -38,7 +37,7 @@ from raytracer.scatter import reflect_light
 from raytracer.scene import Light
 from raytracer.shared_lights import is_near, is_shareable, sample_shared, share_points
 from raytracer.surface import SurfaceTables, make_surface, spawn_origin
-from raytracer.visibility import Cast, classify_shadows
+from raytracer.visibility import Cast, RayCaster, classify_shadows
 
 # The key of shadow rays that share nothing.
 ALONE = -1
@@ -79,14 +78,25 @@ LightStage = Callable[[LitPoints], Aim]
 @dataclass(frozen=True, eq=False)
 class LightSource:
     """A source of light: the stage that samples it, how many numbered dimensions that takes, whether it throws shadows,
-    the classes of rays that see it, which are the ways in which its light is reflected, and whether its light passes
-    transparent surfaces that stop that of others."""
+    the classes of rays that see it, which are the ways in which its light is reflected, whether its light passes
+    transparent surfaces that stop that of others, and how many numbered dimensions before its own nobody takes."""
 
     sample: LightStage
     dimensions: int
     cast_shadow: bool = True
     seen_by: int = SEEN_BY_ALL
     unstopped: bool = False
+    skipped: int = 0
+
+
+def leave_out(sources: Sequence[LightSource], present: Sequence[bool]) -> tuple[LightSource, ...]:
+    """Return the sources that are present; each takes the same random numbers as if all were."""
+    kept, skipped = [], 0
+    for source, stays in zip(sources, present, strict=True):
+        if stays:
+            kept.append(replace(source, skipped=source.skipped + skipped))
+        skipped = 0 if stays else skipped + source.dimensions
+    return tuple(kept)
 
 
 def lamp_source(light: Light, weigh: bool) -> LightSource:
@@ -202,6 +212,7 @@ def aim_at_lights(
     """
     aimed = []
     for source in sources:
+        points = replace(points, sampler=points.sampler.skip(source.skipped))
         aim = source.sample(points)
         points = replace(points, sampler=points.sampler.skip(source.dimensions))
         light = reflect_light(points.shading, probabilities, aim.light, source.seen_by) * throughput
@@ -267,7 +278,7 @@ def _split_by_key(key: Keys) -> Iterator[Indices | slice]:
     yield from np.split(order, ends)
 
 
-def opaque_visibility(caster: Caster, cast: Cast | None = None) -> Visibility:
+def opaque_visibility(caster: RayCaster, cast: Cast | None = None) -> Visibility:
     """Shadow rays where every surface stops the light: (n, 1), 1 or 0.
 
     cast : needed where some objects throw no shadows

@@ -82,20 +82,33 @@ class Emitters:
         return bool((self.instance >= self.tables.instance_count).any())
 
 
-def make_emitters(tables: SurfaceTables, radiance: Floats, find_radiance: RadianceAt | None = None) -> Emitters:
-    """Collect the primitives whose material has radiance (materials, 3) above 0, or NaN: `find_radiance` tells."""
+def make_emitters(
+    tables: SurfaceTables,
+    radiance: Floats,
+    find_radiance: RadianceAt | None = None,
+    present: NDArray[np.bool_] | None = None,
+) -> Emitters:
+    """Collect the primitives whose material has radiance (materials, 3) above 0, or NaN: `find_radiance` tells.
+
+    present : (instances + groups,) bool, True for those that count; None where all do
+    """
     varies = any_column(np.isnan(radiance))
     radiance = np.where(varies[:, np.newaxis], 1.0, radiance)
-    emitters = _collect(tables, radiance, mean_column(radiance))
+    emitters = _collect(tables, radiance, mean_column(radiance), present)
     if find_radiance is None or not varies.any():
         return emitters
     mean = _estimate_means(emitters, varies, find_radiance)
-    return replace(_collect(tables, radiance, mean), varies=varies, find_radiance=find_radiance)
+    return replace(_collect(tables, radiance, mean, present), varies=varies, find_radiance=find_radiance)
 
 
-def _collect(tables: SurfaceTables, radiance: Floats, mean: Floats) -> Emitters:
+def _collect(
+    tables: SurfaceTables, radiance: Floats, mean: Floats, present: NDArray[np.bool_] | None = None
+) -> Emitters:
     """Return the primitives that shine; mean : (materials,), by which they are picked."""
-    found = [_find_emissive(tables, record, radiance) for record in range(len(tables.material_first))]
+    found = [
+        _find_emissive(tables, record, radiance) if present is None or present[record] else np.zeros(0, np.int32)
+        for record in range(len(tables.material_first))
+    ]
     instance = np.concatenate(
         [np.zeros(0, np.int32), *(np.full(len(rows), k, np.int32) for k, rows in enumerate(found))]
     )

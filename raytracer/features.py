@@ -30,6 +30,7 @@ class Features:
     rough : a reflecting or transmitting material has roughness above 0
     transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
     holdout : an object punches a hole into the alpha channel
+    shadow_catchers : an object shows only how others change its light
     ray_visibility : an object is hidden from some rays
     programs : a parameter of a material is computed at each point
     light_path : a program asks how the ray came
@@ -50,6 +51,7 @@ class Features:
     rough: bool
     transparency: bool
     holdout: bool
+    shadow_catchers: bool
     ray_visibility: bool
     programs: bool
     light_path: bool
@@ -102,14 +104,17 @@ def _shines(world: World) -> bool:
     return isinstance(world.color, Register) or bool(world.color.max() > 0)
 
 
+def _is_any(scene: Scene, name: str) -> bool:
+    """True where an instance, or a group of spheres, has a property."""
+    placed = scene.instances is not None and bool(getattr(scene.instances, name).any())
+    return placed or any(getattr(group, name) for group in scene.spheres)
+
+
 def derive_features(scene: Scene) -> Features:
     """Return the Features of `scene`."""
     closures = [closure for material in scene.materials for closure in material.closures]
     # SpotLight is a PointLight by inheritance; the exact type tells them apart.
     kinds = {type(light) for light in scene.lights}
-    holdouts = [group.holdout for group in scene.spheres]
-    if scene.instances is not None:
-        holdouts.extend(scene.instances.holdout.tolist())
     hides = any(group.seen_by != SEEN_BY_ALL for group in scene.spheres)
     if scene.instances is not None and scene.instances.seen_by is not None:
         hides |= bool((scene.instances.seen_by != SEEN_BY_ALL).any())
@@ -128,7 +133,8 @@ def derive_features(scene: Scene) -> Features:
         mirrors=any(_scatters_on(closure) for closure in closures),
         rough=any(_is_rough(closure) for closure in closures),
         transparency=any(_lets_through(closure) for closure in closures),
-        holdout=any(holdouts),
+        holdout=_is_any(scene, "holdout"),
+        shadow_catchers=_is_any(scene, "shadow_catcher"),
         ray_visibility=hides,
         programs=any(closure.registers or closure.vectors for closure in closures),
         light_path=any(reads_light_path(material.program) for material in scene.materials),

@@ -44,6 +44,12 @@ PASSES = {
     "Shadow": Pass(3),  # share of the direct light that reaches the surface
 }
 
+# Kept beside Combined where a scene has shadow catchers, which then is what is seen in front of them. Of the paths that
+# met one: what they saw (3), what they would see where there is nothing but catchers (3), how much of that is opaque
+# (1), and the background behind it all with its alpha (4).
+CAUGHT = "Caught"
+STORED = {**PASSES, CAUGHT: Pass(11)}
+
 
 @dataclass
 class Statistics:
@@ -69,6 +75,7 @@ class Film:
     names : the passes, names from PASSES
     samples : finished passes over the whole film
     cancelled : True where the render was stopped before the last sample
+    catches : True where Combined is completed by what shadow catchers show
     """
 
     width: int
@@ -76,11 +83,14 @@ class Film:
     names: tuple[str, ...]
     samples: int = 0
     cancelled: bool = False
+    catches: bool = False
     statistics: Statistics = field(default_factory=Statistics)
 
     def __post_init__(self) -> None:
         pixels = self.width * self.height
-        self._sums = {name: np.zeros((pixels, PASSES[name].channels)) for name in self.names}
+        self._means = select_passes(self.names, from_centre=False) + ((CAUGHT,) if self.catches else ())
+        stored = (*self._means, *select_passes(self.names, from_centre=True))
+        self._sums = {name: np.zeros((pixels, STORED[name].channels)) for name in stored}
         self._counts = np.zeros(pixels, dtype=np.int32)
 
     def add(self, pixels: slice, values: Mapping[str, Floats]) -> None:
@@ -91,7 +101,7 @@ class Film:
         pixels : slice of the film's pixels, counted along rows from the LOWER left, as the camera counts
         values : (n, channels) float64 for each mean pass of the film
         """
-        for name in select_passes(self.names, from_centre=False):
+        for name in self._means:
             self._sums[name][pixels] += values[name]
         self._counts[pixels] += 1
 
@@ -110,15 +120,42 @@ class Film:
 
         The mean of the samples so far; 0 where there are none yet.
         """
-        if name not in self._sums:
+        if name not in self.names:
             raise KeyError(f"the film has no pass {name!r}; it has {', '.join(self.names)}")
-        sums = self._sums[name].reshape(self.height, self.width, -1)
-        counts = self._counts.reshape(self.height, self.width, 1)
-        picture = np.empty(sums.shape, dtype=np.float32)
+        picture = np.empty((self.height, self.width, PASSES[name].channels), dtype=np.float32)
         for row in range(self.height):  # a row at a time: a large film leaves no room for a second one in float64
-            values = sums[row] if PASSES[name].from_centre else sums[row] / np.maximum(counts[row], 1)
+            pixels = slice(row * self.width, (row + 1) * self.width)
+            values = self._sums[name][pixels] if PASSES[name].from_centre else self._average(name, pixels)
+            if name == "Combined" and self.catches:
+                values = show_shadows(values, self._average(CAUGHT, pixels))
             picture[self.height - 1 - row] = values
         return picture
+
+    def _average(self, name: str, pixels: slice) -> Floats:
+        return self._sums[name][pixels] / np.maximum(self._counts[pixels], 1)[:, np.newaxis]
+
+
+def show_shadows(combined: Floats, caught: Floats) -> Floats:
+    """Return what is seen in front of shadow catchers (n, 4) over their shadows over the background.
+
+    The light of catchers, with all objects over without, as a factor of the footage behind the picture. What darkens
+    it is shown as black of the alpha 1 - mean(factor); brightening, such as of caustics, cannot be shown.
+
+    Parameters
+    ----------
+    combined, caught : (n, 4), (n, 11) float64, means of pixels, in the order of CAUGHT
+
+    References
+    ----------
+    Blender, intern/cycles/kernel/film/read.h: film_calculate_shadow_catcher_matte_with_shadow.
+    """
+    lit, alone, opacity, backdrop = np.split(caught, (3, 6, 7), axis=1)
+    factor = np.divide(lit, alone, out=np.ones_like(lit), where=alone != 0)
+    factor = 1.0 + np.clip(opacity, 0.0, 1.0) * (factor - 1.0)
+    shadow = 1.0 - np.clip(factor.mean(axis=1), 0.0, 1.0)
+    shown = combined.copy()
+    shown[:, 3] += (1.0 - combined[:, 3]) * shadow
+    return shown + (1.0 - shown[:, 3:]) * backdrop
 
 
 def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:

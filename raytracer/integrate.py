@@ -7,7 +7,7 @@ which stages run; `trace` runs them on a batch of rays, wave by wave. Imports ev
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from raytracer.bounces import (
     find_ended,
     survival_probability,
 )
+from raytracer.catcher import find_split, finish_caught, note_split, start_catching
 from raytracer.closures import Shading
 from raytracer.contributions import (
     add_background,
@@ -58,23 +59,36 @@ def trace(integrator: Integrator, rays: Rays, samples: PixelSamples) -> dict[str
     samples : n PixelSamples
     """
     record = start_record(integrator.settings, rays)
-    paths = start_paths(rays)
-    sampler = Sampler(samples, share_samples(samples), 0)
+    start_catching(integrator, record, rays)
+    follow(integrator, record, start_paths(rays), Sampler(samples, share_samples(samples), 0))
+    finish_alpha(integrator, record)
+    finish_caught(record)
+    if record.unshadowed is not None:
+        record.passes["Shadow"] = divide_shadow(record.passes["Shadow"], record.unshadowed)
+    return record.passes
+
+
+def follow(integrator: Integrator, record: Record, paths: Paths, sampler: Sampler) -> None:
+    """Follow paths wave by wave until all have ended."""
     while len(paths):
         hits = integrator.cast(paths.rays, classify_rays(paths.kind))
         add_background(integrator, record, paths, hits)
         add_lamps(integrator, record, paths, hits)
         met = np.flatnonzero(hits.hit)
         paths, hits = cut_holes(integrator, record, paths.select(met), hits.select(met))
-        if record.limit is not None:
-            record.limit[paths.row] = find_limits(integrator.settings, paths.bounces, aimed=True)
-        paths = shade_wave(integrator, record, paths, hits, sampler)
-        # Only what the camera sees straight shares points of lights.
-        sampler = Sampler(samples, None, sampler.dimension + integrator.dimensions)
-    finish_alpha(integrator, record)
-    if record.unshadowed is not None:
-        record.passes["Shadow"] = divide_shadow(record.passes["Shadow"], record.unshadowed)
-    return record.passes
+        follow_split(integrator, record, paths, hits, sampler)
+        paths, sampler = shade_wave(integrator, record, paths, hits, sampler)
+
+
+def follow_split(integrator: Integrator, record: Record, paths: Paths, hits: Hits, sampler: Sampler) -> None:
+    """Paths that meet their first shadow catcher also go on, to their end, where there is nothing but catchers."""
+    split = find_split(integrator, record, paths, hits)
+    if record.caught is None or integrator.alone is None or not len(split):
+        return
+    paths, hits = paths.select(split), hits.select(split)
+    note_split(integrator, record, paths)
+    alone, seen = integrator.alone, record.caught.alone
+    follow(alone, seen, *shade_wave(alone, seen, paths, hits, sampler))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -85,8 +99,13 @@ class Shaded:
     paths: Paths
 
 
-def shade_wave(integrator: Integrator, record: Record, paths: Paths, hits: Hits, sampler: Sampler) -> Paths:
-    """Shade all hits, in parts that stay in the cache, cast their shadow rays together; return the paths that go on."""
+def shade_wave(
+    integrator: Integrator, record: Record, paths: Paths, hits: Hits, sampler: Sampler
+) -> tuple[Paths, Sampler]:
+    """Shade all hits, in parts that stay in the cache, cast their shadow rays together; return the paths that go on,
+    and the sampler of their wave."""
+    if record.limit is not None:
+        record.limit[paths.row] = find_limits(integrator.settings, paths.bounces, aimed=True)
     going_on, waiting = [], []
     for start in range(0, len(paths), PART_SIZE):
         part = slice(start, start + PART_SIZE)
@@ -98,7 +117,8 @@ def shade_wave(integrator: Integrator, record: Record, paths: Paths, hits: Hits,
             waiting = []
     if waiting:
         add_direct_light(integrator, record, waiting, first=sampler.dimension == 0)
-    return join_paths(going_on)
+    # Only what the camera sees straight shares points of lights.
+    return join_paths(going_on), replace(sampler, shared=None, dimension=sampler.dimension + integrator.dimensions)
 
 
 def shade(integrator: Integrator, record: Record, paths: Paths, hits: Hits, sampler: Sampler) -> Shaded:

@@ -21,6 +21,8 @@ class PointLight:
     soft_falloff : Blender's option: a disk that faces the shaded point instead of a true sphere
     seen_by : bits of SEEN_BY, the classes of rays that meet the lamp; light that a lamp sends to a surface is reflected
         only in the ways in which it is seen. So for all lamps
+    shadow_catcher : True for a lamp that is part of what shadow catchers stand for: they know its light without the
+        other objects. So for all lamps
     """
 
     position: Any
@@ -30,6 +32,7 @@ class PointLight:
     cast_shadow: bool = True
     name: str = ""
     seen_by: int = LAMP_SEEN_BY
+    shadow_catcher: bool = True
 
     def __post_init__(self) -> None:
         label = f"PointLight {self.name!r}"
@@ -81,6 +84,7 @@ class SunLight:
     cast_shadow: bool = True
     name: str = ""
     seen_by: int = LAMP_SEEN_BY
+    shadow_catcher: bool = True
 
     def __post_init__(self) -> None:
         label = f"SunLight {self.name!r}"
@@ -113,6 +117,7 @@ class AreaLight:
     cast_shadow: bool = True
     name: str = ""
     seen_by: int = LAMP_SEEN_BY
+    shadow_catcher: bool = True
 
     def __post_init__(self) -> None:
         label = f"AreaLight {self.name!r}"

@@ -116,6 +116,9 @@ class Record:
     background : (n,) float64, share of the ray that reached a background which is not part of the picture
     unshadowed : (n, 3) float64, direct light if nothing were in the way, or None where the Shadow pass is not asked for
     limit : (n,) float64, the largest sum of channels that light aimed at by the ray's path may add; None without limits
+    caught : what shadow catchers show, or None where there are none
+    backdrop : (n, 3) float64, the background that the camera sees where catchers are seen through; None where it is no
+        part of the picture, or there are none
     """
 
     passes: dict[str, Floats]
@@ -124,6 +127,8 @@ class Record:
     background: Floats
     unshadowed: Floats | None
     limit: Floats | None
+    caught: Caught | None = None
+    backdrop: Floats | None = None
 
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
         """Add (k, 3) to a pass, if it is asked for; each ray at most once a call."""
@@ -135,6 +140,20 @@ class Record:
         """Overwrite a pass, if it is asked for."""
         if name in self.passes:
             self.passes[name][row] = np.reshape(values, (len(row), PASSES[name].channels))
+
+
+@dataclass(eq=False)
+class Caught:
+    """What n rays have seen of shadow catchers.
+
+    met : (n,) bool, True where the ray's path met one
+    matte : (n, 4) float64, what it had seen till then, premultiplied; alpha is what hides the catcher
+    alone : what the path sees from there where there is nothing but catchers
+    """
+
+    met: Booleans
+    matte: Floats
+    alone: Record
 
 
 def start_record(settings: Settings, rays: Rays) -> Record:

@@ -17,15 +17,17 @@ import numpy as np
 
 from raytracer.accelerate import Caster, build
 from raytracer.camera import primary_rays
+from raytracer.features import derive_features
 from raytracer.film import Film, select_passes
 from raytracer.integrate import trace
 from raytracer.pixel_filter import sample_pixel_filter
-from raytracer.rays import Booleans, Floats, Hits
+from raytracer.rays import Floats
 from raytracer.sampling import PixelSamples
 from raytracer.scene import Camera, Scene
 from raytracer.settings import WORD_LIMIT, Settings, check_integer
 from raytracer.shared_lights import choose_interleaving
-from raytracer.stages import Integrator, prepare
+from raytracer.stages import Integrator, catches_shadows, prepare
+from raytracer.watched_caster import CancelledError, WatchedCaster
 from raytracer.workers import Workers
 
 # Seconds of work between two signs of progress. (`is_cancelled` is asked at every cast, far more often.)
@@ -86,7 +88,7 @@ def render(
     count = len(workers) if isinstance(workers, Workers) else workers
     chosen = Settings(samples=samples, workers=count, **settings)
     view = make_view(scene, width, height, chosen)
-    film = Film(view.width, view.height, chosen.passes)
+    film = Film(view.width, view.height, chosen.passes, catches=catches_shadows(derive_features(scene), chosen))
     plan = BlockPlan(view.width * view.height, count_passes(chosen), chosen.block_size)
     started = time.perf_counter()
     caster = caster or build(scene, chosen.precision)
@@ -262,7 +264,8 @@ class BlockTracer:
         """Return an integrator for the passes of one kind, or None where there are none of it."""
         names = select_passes(self._settings.passes, from_centre)
         settings = replace(self._settings, passes=names) if names else None
-        return prepare(scene, cast(Caster, self._caster), settings, self._frame) if settings else None
+        caster = cast(Caster, self._caster)
+        return prepare(scene, caster, settings, self._frame, self._caster.take_part) if settings else None
 
     def __call__(self, block: Block) -> BlockResult:
         """Trace one block; raises CancelledError if the user did so meanwhile."""
@@ -286,37 +289,6 @@ class BlockTracer:
     ) -> Mapping[str, Floats]:
         rays = primary_rays(self._view.camera, self._view.full_width, self._view.full_height, x, y, lens)
         return trace(integrator, rays, samples)
-
-
-class CancelledError(Exception):
-    """The user stopped the render in the middle of a block."""
-
-
-class WatchedCaster:
-    """A caster that counts the rays it is asked for, and raises CancelledError once `is_cancelled()`."""
-
-    def __init__(self, caster: Caster, is_cancelled: Callable[[], bool]) -> None:
-        self._caster = caster
-        self._is_cancelled = is_cancelled
-        self.rays = 0
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._caster, name)
-
-    def closest_hit(self, *arguments: Any, **keywords: Any) -> Hits:
-        """Watch and pass on."""
-        return self._watch(self._caster.closest_hit, arguments, keywords)
-
-    def any_hit(self, *arguments: Any, **keywords: Any) -> Booleans:
-        """Watch and pass on."""
-        return self._watch(self._caster.any_hit, arguments, keywords)
-
-    def _watch(self, method: Callable[..., Any], arguments: Any, keywords: Any) -> Any:
-        if self._is_cancelled():
-            raise CancelledError
-        found = method(*arguments, **keywords)
-        self.rays += len(found)
-        return found
 
 
 def locate_pixels(view: View, block: Block, seed: int) -> tuple[PixelSamples, Floats, Floats]:

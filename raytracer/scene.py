@@ -121,6 +121,7 @@ class Spheres:
     pass_index : int, the Object Index pass
     holdout : bool, True punches a hole into the image's alpha
     seen_by : bits of SEEN_BY, the classes of rays that see them
+    shadow_catcher : bool, as in Instances
     """
 
     centres: Any
@@ -130,6 +131,7 @@ class Spheres:
     holdout: bool = False
     name: str = ""
     seen_by: int = SEEN_BY_ALL
+    shadow_catcher: bool = False
 
     def __post_init__(self) -> None:
         label = f"Spheres {self.name!r}" if self.name else "Spheres"
@@ -149,6 +151,8 @@ class Instances:
     pass_index : (i,) int32, the Object Index pass
     holdout : (i,) bool, True punches a hole into the image's alpha
     seen_by : (i,) int32, bits of SEEN_BY, the classes of rays that see it; None = all
+    shadow_catcher : (i,) bool, True for what stands for a surface of the footage behind the picture: the camera sees of
+        it only how the other objects change its light
     random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
     """
 
@@ -159,6 +163,7 @@ class Instances:
     random: Any = None
     color: Any = None
     seen_by: Any = None
+    shadow_catcher: Any = None
 
     def __post_init__(self) -> None:
         count = len(set_array(self, "mesh", np.int32, ("i",), "Instances"))
@@ -170,7 +175,7 @@ class Instances:
                 "Instances: world_from_object: expected (0, 0, 0, 1) as the last row of each matrix, "
                 f"got {matrices[row, 3].tolist()} at row {row}"
             )
-        for name, dtype in (("pass_index", np.int32), ("holdout", np.bool_)):
+        for name, dtype in (("pass_index", np.int32), ("holdout", np.bool_), ("shadow_catcher", np.bool_)):
             if getattr(self, name) is None:
                 set_field(self, name, np.zeros(count, dtype=dtype))
             set_array(self, name, dtype, (count,), "Instances")

@@ -5,8 +5,10 @@ What a scene lacks has no stage, no table and costs nothing. Imports everything 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -19,22 +21,24 @@ from raytracer.direct_light import (
     Visibility,
     emitter_source,
     lamp_source,
+    leave_out,
     opaque_visibility,
     transparent_visibility,
     world_source,
 )
 from raytracer.emitters import Emitters, make_emitters
 from raytracer.environment import Environment, make_environment
-from raytracer.features import derive_features
+from raytracer.features import Features, derive_features
 from raytracer.lights import has_extent
 from raytracer.materials import MaterialTable, find_radiance, make_material_table
+from raytracer.part_caster import PartCaster
 from raytracer.rays import Booleans
 from raytracer.records import SEEN_BY, SEEN_BY_ALL
 from raytracer.scene import Light, Scene
 from raytracer.settings import Settings
 from raytracer.site_tables import make_site_tables
 from raytracer.surface import SurfaceTables, make_surface_tables
-from raytracer.visibility import Cast, make_cast
+from raytracer.visibility import Cast, RayCaster, make_cast
 
 # Passes that need light; the others are known at the first surface.
 LIGHT_PASSES = frozenset(("Combined", "Diffuse Color", "Emission", "Shadow"))
@@ -56,6 +60,8 @@ class Integrator:
     cast : finds what rays hit of what they see
     visibility : how shadow rays fare
     holdout : (instances + groups,) bool, or None where nothing punches holes
+    is_catcher : (instances + groups,) bool, or None where nothing catches shadows
+    alone : the stages of the scene without all but its shadow catchers, or None
     pass_index : (instances + groups,) int32
     needs_light : False where all passes are known at the first surface
     goes_on : True where rays can go on from a surface
@@ -80,10 +86,22 @@ class Integrator:
     interreflects: bool
     shines: bool
     dimensions: int
+    is_catcher: Booleans | None = None
+    alone: Integrator | None = None
 
 
-def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, int] = DEFAULT_FRAME) -> Integrator:
-    """Compose the stages that `scene` needs for the passes in `settings`; frame : size of the full picture, pixels."""
+def prepare(
+    scene: Scene,
+    caster: Caster,
+    settings: Settings,
+    frame: tuple[int, int] = DEFAULT_FRAME,
+    take_part: Callable[[Booleans], RayCaster] | None = None,
+) -> Integrator:
+    """Compose the stages that `scene` needs for the passes in `settings`.
+
+    frame : size of the full picture, pixels
+    take_part : returns the caster of some instances and groups of spheres; None: a PartCaster
+    """
     features = derive_features(scene)
     needs_light = not LIGHT_PASSES.isdisjoint(settings.passes)
     tables = make_surface_tables(
@@ -96,19 +114,53 @@ def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, 
     )
     sites = make_site_tables(scene, tables, list_scene_attributes(scene), frame) if features.programs else None
     materials = make_material_table(scene, sites)
-    emitters = None
-    if features.emission and needs_light:
-        emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials))
     background = None
     if features.world and needs_light and scene.world is not None:
         background = make_environment(scene.world, scene.camera, frame)
-    lamps = [light for light in scene.lights if light_is_on(light)] if needs_light else []
+    compose = partial(_compose, scene, settings, features, tables, materials, background)
+    whole = compose(caster)
+    if not catches_shadows(features, settings):
+        return whole
+    is_catcher = _gather_records(scene, "shadow_catcher", np.bool_)
+    part = take_part(is_catcher) if take_part else PartCaster(caster, is_catcher)
+    return replace(whole, is_catcher=is_catcher, alone=compose(part, is_catcher))
+
+
+def catches_shadows(features: Features, settings: Settings) -> bool:
+    """True where shadow catchers change the picture."""
+    return features.shadow_catchers and "Combined" in settings.passes
+
+
+def _compose(
+    scene: Scene,
+    settings: Settings,
+    features: Features,
+    tables: SurfaceTables,
+    materials: MaterialTable,
+    background: Environment | None,
+    caster: RayCaster,
+    present: Booleans | None = None,
+) -> Integrator:
+    """Return the stages of a scene, or of its shadow catchers alone, with what lights them.
+
+    caster : of what is present
+    present : (instances + groups,) bool, which are shadow catchers; None for the whole scene
+    """
+    needs_light = not LIGHT_PASSES.isdisjoint(settings.passes)
     interreflects = settings.integrator == "path" and features.diffuse and needs_light
+    emitters = None
+    if features.emission and needs_light:
+        emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
+    lamps = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     sources = [lamp_source(light, weigh=features.rough or interreflects) for light in lamps]
-    if emitters is not None and not emitters.is_empty:
+    shines = [present is None or light.shadow_catcher for light in lamps]
+    lamps = list(compress(lamps, shines))
+    if emitters is not None:
         sources.append(emitter_source(emitters))
+        shines.append(not emitters.is_empty)
     if background is not None:
         sources.append(world_source(background))
+        shines.append(True)
     reflects = features.mirrors or interreflects
     meeting = SEEN_BY_ALL - SEEN_BY["shadow"] if reflects else SEEN_BY["camera"]
     visible_lamps = tuple(light for light in lamps if has_extent(light) and light.seen_by & meeting)
@@ -120,10 +172,10 @@ def prepare(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, 
         visibility = opaque_visibility(caster, None if seen_by is None else cast)
     return Integrator(
         cast=cast,
-        settings=settings,
+        settings=settings if present is None else replace(settings, passes=("Combined",)),
         tables=tables,
         materials=materials,
-        sources=tuple(sources),
+        sources=leave_out(sources, shines),
         visible_lamps=visible_lamps,
         emitters=emitters,
         background=background,

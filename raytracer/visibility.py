@@ -3,7 +3,7 @@
 Rays are told apart by what they come from: the camera, diffuse or glossy reflection, transmission, or a surface that
 looks for light (shadow rays); straight passages change nothing. A ray goes on behind an object that it cannot see as if
 nothing were there.
-Imports `bounces`, `rays`, `accelerate`.
+Imports `bounces`, `rays`, `records`.
 
 References
 ----------
@@ -13,11 +13,11 @@ Blender, intern/cycles/kernel/integrator/path_state.h: path_state_ray_visibility
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate import Caster
 from raytracer.bounces import DIFFUSE, STRAIGHT, TRANSMITTED, Kinds
 from raytracer.rays import Booleans, Floats, Hits, Rays
 from raytracer.records import SEEN_BY
@@ -28,6 +28,17 @@ ROUNDINGS = 8.0
 Masks = NDArray[np.uint8]
 # Closest hits of n rays that belong to the (n,) classes of rays, as bits of SEEN_BY.
 Cast = Callable[[Rays, Masks], Hits]
+
+
+class RayCaster(Protocol):
+    """What finds hits, as `accelerate.Caster` does."""
+
+    @property
+    def roundoff(self) -> float: ...
+
+    def closest_hit(self, *arguments: Any, **keywords: Any) -> Hits: ...
+
+    def any_hit(self, *arguments: Any, **keywords: Any) -> Booleans: ...
 
 
 def _class_of_kind(kind: int) -> int:
@@ -51,7 +62,7 @@ def classify_shadows(rays: Rays) -> Masks:
     return np.full(len(rays), SEEN_BY["shadow"], dtype=np.uint8)
 
 
-def make_cast(caster: Caster, visibility: Masks | None) -> Cast:
+def make_cast(caster: RayCaster, visibility: Masks | None) -> Cast:
     """Return the function that casts rays of any class.
 
     visibility : of each instance and group of spheres, the classes that see it, as bits; None where all see all
@@ -81,7 +92,7 @@ def _is_hidden(visibility: Masks, hits: Hits, classes: Masks) -> Booleans:
     return hits.hit & ((visibility[hits.instance] & classes) == 0)
 
 
-def _step_past(caster: Caster, hits: Hits) -> Floats:
+def _step_past(caster: RayCaster, hits: Hits) -> Floats:
     """Return the least t (n,) that lies behind the hits, by the bound on their distance."""
     unknown = ROUNDINGS * np.finfo(np.float64).eps * caster.roundoff * hits.distance
     error = np.where(np.isnan(hits.distance_error), unknown, hits.distance_error)

@@ -62,6 +62,7 @@ class Part:
     object: ObjectKey
     pass_index: int = 0
     holdout: bool = False
+    shadow_catcher: bool = False
     color: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
     seen_by: int = SEEN_BY_ALL
     mesh: int | None = None
@@ -195,7 +196,7 @@ def renew_part(last: PartEntry, source: Any, context: Context) -> PartEntry | No
 def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> PartEntry | None:
     """Return what to show of an object with a mesh or points, or None: nothing in it, or hidden from all rays."""
     own = WarningList()
-    seen_by = find_visibility(shown, instancer, context.view_layer, own)
+    seen_by = find_visibility(shown, instancer, context.view_layer)
     if seen_by:
         warn_hair(source, own)
         warn_linking(source, own)
@@ -207,6 +208,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         object=ObjectKey(source.name_full, source.original.session_uid),
         pass_index=shown.pass_index,
         holdout=instancer.holdout_get(view_layer=context.view_layer),
+        shadow_catcher=shown.is_shadow_catcher or instancer.is_shadow_catcher,
         color=tuple(shown.color),
         seen_by=seen_by,
         random=hash_name(source.name),
@@ -256,18 +258,21 @@ def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
     if not seen_by & ~SEEN_BY["shadow"]:
         return None
     warn_linking(source, context.warnings)
-    return Part(ObjectKey(source.name_full, source.original.session_uid), light=shown.data, seen_by=seen_by)
+    return Part(
+        object=ObjectKey(source.name_full, source.original.session_uid),
+        light=shown.data,
+        seen_by=seen_by,
+        shadow_catcher=shown.is_shadow_catcher,
+    )
 
 
-def find_visibility(shown: Any, instancer: Any, view_layer: Any, warnings: WarningList) -> int:
-    """Return the classes of rays that see an object, as bits of SEEN_BY; warn of what makes it a catcher."""
+def find_visibility(shown: Any, instancer: Any, view_layer: Any) -> int:
+    """Return the classes of rays that see an object, as bits of SEEN_BY."""
     seen_by = sum(
         SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name) and getattr(instancer, name)
     )
     if not instancer.holdout_get(view_layer=view_layer) and instancer.indirect_only_get(view_layer=view_layer):
         seen_by &= ~SEEN_BY["camera"]
-    if seen_by and (shown.is_shadow_catcher or instancer.is_shadow_catcher):
-        warnings.add("shadow catcher is not supported, shown as an ordinary object", shown.name)
     return seen_by
 
 
@@ -327,13 +332,14 @@ def place_parts(placements: Placements, warnings: WarningList, with_info: bool =
             spheres.append(place_points(part, matrices[row], warnings))
             sphere_objects.append(part.object)
         elif (light := extract_light(part.light, part.object.name, matrices[row], warnings)) is not None:
-            lights.append(replace(light, seen_by=part.seen_by))
+            lights.append(replace(light, seen_by=part.seen_by, shadow_catcher=part.shadow_catcher))
     parts = [placements.parts[placements.part[row]] for row in meshes]
     instances = raytracer.Instances(
         mesh=np.array([part.mesh for part in parts], dtype=np.int32),
         world_from_object=matrices[np.asarray(meshes, dtype=np.intp)],
         pass_index=np.array([part.pass_index for part in parts], dtype=np.int32),
         holdout=np.array([part.holdout for part in parts], dtype=np.bool_),
+        shadow_catcher=np.array([part.shadow_catcher for part in parts], dtype=np.bool_),
         seen_by=np.array([part.seen_by for part in parts], dtype=np.int32),
         random=np.array([placements.random[row] for row in meshes]) if with_info else None,
         color=np.array([part.color for part in parts]).reshape(-1, 4) if with_info else None,
@@ -358,6 +364,7 @@ def place_points(part: Part, world_from_object: NDArray[np.float64], warnings: W
         material=part.material,
         pass_index=part.pass_index,
         holdout=part.holdout,
+        shadow_catcher=part.shadow_catcher,
         seen_by=part.seen_by,
         name=part.object.name,
     )

@@ -15,6 +15,11 @@ from .shared import EnginePanel, split
 VISIBLE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "POINTCLOUD", "LIGHT"}
 
 
+def can_be_seen(thing: Any) -> bool:
+    """Return whether rays can meet an object, or what it instances."""
+    return thing is not None and (thing.type in VISIBLE_TYPES or thing.instance_type == "COLLECTION")
+
+
 class RAYTRACER_LIGHT_PT_tracing(EnginePanel, bpy.types.Panel):
     """What EEVEE's panel of a light does not show."""
 
@@ -33,6 +38,22 @@ class RAYTRACER_LIGHT_PT_tracing(EnginePanel, bpy.types.Panel):
             column.prop(context.light, "spread")
 
 
+class RAYTRACER_OBJECT_PT_shadow_catcher(EnginePanel, bpy.types.Panel):
+    """Whether an object stands for footage that catches shadows; below Blender's own Holdout."""
+
+    bl_label = "Shadow Catcher"
+    bl_context = "object"
+    bl_parent_id = "OBJECT_PT_visibility"
+    bl_options = {"HIDE_HEADER"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return can_be_seen(context.object) and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        split(self).prop(context.object, "is_shadow_catcher")
+
+
 class RAYTRACER_OBJECT_PT_ray_visibility(EnginePanel, bpy.types.Panel):
     """Which rays meet an object."""
 
@@ -42,9 +63,7 @@ class RAYTRACER_OBJECT_PT_ray_visibility(EnginePanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: Any) -> bool:
-        thing = context.object
-        is_visible = thing is not None and (thing.type in VISIBLE_TYPES or thing.instance_type == "COLLECTION")
-        return is_visible and context.engine in cls.COMPAT_ENGINES
+        return can_be_seen(context.object) and context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context: Any) -> None:
         column = split(self).column(align=True)
@@ -88,6 +107,7 @@ class RAYTRACER_WORLD_PT_preview(EnginePanel, bpy.types.Panel):
 
 CLASSES = (
     RAYTRACER_LIGHT_PT_tracing,
+    RAYTRACER_OBJECT_PT_shadow_catcher,
     RAYTRACER_OBJECT_PT_ray_visibility,
     RAYTRACER_MATERIAL_PT_settings,
     RAYTRACER_WORLD_PT_preview,

@@ -161,6 +161,27 @@ def test_holdout_of_object_and_collection(scene_with_camera: Any) -> None:
     assert held == {"Plain": False, "Object": True, "InCollection": True}
 
 
+def test_shadow_catchers_and_the_lamps_of_their_footage(scene_with_camera: Any) -> None:
+    add_cube(scene_with_camera.collection, "Plain")
+    add_cube(scene_with_camera.collection, "Ground").is_shadow_catcher = True
+    hidden = bpy.data.collections.new("Instanced")
+    add_cube(hidden, "Inside")
+    instancer = bpy.data.objects.new("Instancer", None)
+    instancer.instance_type, instancer.instance_collection = "COLLECTION", hidden
+    instancer.is_shadow_catcher = True
+    scene_with_camera.collection.objects.link(instancer)
+    for name in ("Real", "Added"):
+        lamp = bpy.data.objects.new(name, bpy.data.lights.new(name, "POINT"))
+        scene_with_camera.collection.objects.link(lamp)
+    lamp.is_shadow_catcher = False
+    extraction = extract()
+    names = [key.name for key in extraction.objects]
+    catches = dict(zip(names, extraction.scene.instances.shadow_catcher.tolist(), strict=True))
+    assert catches == {"Plain": False, "Ground": True, "Inside": True}
+    assert {light.name: light.shadow_catcher for light in extraction.scene.lights} == {"Real": True, "Added": False}
+    assert not extraction.warnings
+
+
 def test_indices_for_passes(scene_with_camera: Any) -> None:
     shown = add_cube(scene_with_camera.collection)
     shown.pass_index = 5

@@ -213,7 +213,7 @@ def test_unannounced_but_unchanged_meshes_stay_the_same_records(stage: Any) -> N
 
 def test_warnings_are_told_again_for_what_is_not_read_again(stage: Any) -> None:
     tile = add_object(stage, "Tile", 0.0)
-    tile.is_shadow_catcher = True
+    tile.modifiers.new("Hair", "PARTICLE_SYSTEM").particle_system.settings.type = "HAIR"
     tile.data.vertices[0].co.x = float("nan")
     kept = Kept()
     first = extract_scene(update(), kept=kept)

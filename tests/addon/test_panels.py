@@ -237,6 +237,14 @@ def test_ray_visibility_and_material_panels_draw_what_is_read(empty_scene: Any, 
     assert names == ["use_transparent_shadow", "pass_index"]
 
 
+def test_shadow_catcher_is_shown_for_what_can_be_seen(empty_scene: Any, registered: None) -> None:
+    panel = scene_data.RAYTRACER_OBJECT_PT_shadow_catcher
+    assert draw(panel, object=bpy.data.objects.new("Thing", bpy.data.meshes.new("Thing"))).names == [
+        "is_shadow_catcher"
+    ]
+    assert not panel.poll(SimpleNamespace(object=bpy.data.objects.new("Empty", None), engine=ENGINE))
+
+
 def test_override_panel_draws_what_this_blender_has(empty_scene: Any, registered: None) -> None:
     names = draw(view_layer.RAYTRACER_VIEWLAYER_PT_override).names
     has_world = "world_override" in bpy.context.view_layer.bl_rna.properties

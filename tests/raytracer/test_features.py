@@ -47,6 +47,7 @@ def with_closures(*closures):
         (Scene(spheres=Spheres(np.zeros((0, 3)), [])), set()),
         (Scene(spheres=Spheres([(0, 0, 0)], [1], holdout=True)), {"spheres", "holdout"}),
         (Scene(meshes=[Mesh(*QUAD)], instances=Instances([0], [np.eye(4)], holdout=[True])), {"meshes", "holdout"}),
+        (Scene(spheres=Spheres([(0, 0, 0)], [1], shadow_catcher=True)), {"spheres", "shadow_catchers"}),
         (Scene(meshes=[Mesh(*QUAD)], instances=Instances([0], [np.eye(4)])), {"meshes"}),
         (Scene(lights=[PointLight((0, 0, 0), 1)]), {"point_lights"}),
         (Scene(lights=[SpotLight((0, 0, 0), 1)]), {"spot_lights"}),

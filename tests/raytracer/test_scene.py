@@ -27,8 +27,11 @@ def make_full_scene():
     matrices = np.array([np.eye(4), np.diag((-1.0, 2, 3, 1))])
     return Scene(
         meshes=[smooth, make_quad(normals=np.zeros((2, 3, 3)), uvs=np.ones((4, 2)), name="Käse")],
-        spheres=[Spheres([(0, 0, 0)], [1.0], holdout=True), Spheres(np.zeros((0, 3)), [], pass_index=3)],
-        instances=Instances([0, 1], matrices, pass_index=[4, 5], holdout=[False, True]),
+        spheres=[
+            Spheres([(0, 0, 0)], [1.0], holdout=True, shadow_catcher=True),
+            Spheres(np.zeros((0, 3)), [], pass_index=3),
+        ],
+        instances=Instances([0, 1], matrices, pass_index=[4, 5], holdout=[False, True], shadow_catcher=[True, False]),
         materials=[
             Material([Closure("glass", color=(1, 0.5, 0.25), ior=1.3), Closure("diffuse", 0.1, weight=0.5)], 7, "A"),
             Material(name="Black"),

@@ -41,7 +41,6 @@ def prepare() -> float:
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 48, 32, 100
     scene.reference_raytracer.samples = 1
     scene.render.use_motion_blur = True
-    bpy.data.objects["Glass ball"].is_shadow_catcher = True
     volume = bpy.data.objects.new("Smoke", bpy.data.volumes.new("Smoke"))
     scene.collection.objects.link(volume)
     bpy.ops.render.render()
