@@ -32,7 +32,7 @@ class Recorder:
     samples: list[PixelSamples] = field(default_factory=list)
     casts_per_block: int = 1
 
-    def prepare(self, scene, caster, settings, frame):
+    def prepare(self, scene, caster, settings, frame, take_part):
         self.settings.append(settings)
         return caster, settings.passes
 
