@@ -66,6 +66,8 @@ def add_lamp(integrator: Integrator, lamp: Light, record: Record, paths: Paths, 
     seen = evaluate_light(lamp, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
     reach = paths.travelled + hits.distance[rows] * unit
     passed = (seen.density > 0) & (paths.travelled <= seen.distance) & (seen.distance <= reach)
+    if integrator.links is not None:
+        passed &= paths.direct | integrator.links.find_lit(lamp.receivers, paths.scatterer)
     share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
     radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * seen.radiance)
     record.add("Combined", paths.row, radiance)
@@ -120,6 +122,9 @@ def add_emission(integrator: Integrator, record: Record, paths: Paths, surface: 
         surface.primitive[sampled],
     )
     share[sampled] = power_heuristic(paths.density[sampled], other)
+    if integrator.links is not None:
+        lit = integrator.links.find_lit(integrator.links.receivers[surface.instance], paths.scatterer)
+        share[~(paths.direct | lit)] = 0.0
     light = paths.throughput * shading.radiance * share[:, np.newaxis]
     radiance = clamp_met(integrator.settings, paths.bounces, light)
     record.add("Combined", paths.row, radiance)

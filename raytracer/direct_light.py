@@ -22,15 +22,16 @@ from raytracer.emitters import (
     aim_at_triangles,
     pick_emitters,
     place_on_triangles,
-    sample_emitters,
+    sample_picked,
     vary_radiance,
 )
 from raytracer.environment import Environment, environment_density, find_environment, sample_environment
 from raytracer.light_shapes import LightSamples
 from raytracer.lights import has_extent, sample_light
+from raytracer.linking import LightLinks
 from raytracer.materials import MaterialTable, find_transparency
-from raytracer.rays import Booleans, Floats, Rays, Surface, join_rays
-from raytracer.records import SEEN_BY_ALL
+from raytracer.rays import Booleans, Floats, Integers, Rays, Surface, join_rays
+from raytracer.records import ALL_SETS, SEEN_BY_ALL
 from raytracer.rows import any_column, take_rows
 from raytracer.sampling import Sampler
 from raytracer.scatter import reflect_light
@@ -79,7 +80,8 @@ LightStage = Callable[[LitPoints], Aim]
 class LightSource:
     """A source of light: the stage that samples it, how many numbered dimensions that takes, whether it throws shadows,
     the classes of rays that see it, which are the ways in which its light is reflected, whether its light passes
-    transparent surfaces that stop that of others, and how many numbered dimensions before its own nobody takes."""
+    transparent surfaces that stop that of others, how many numbered dimensions before its own nobody takes, and which
+    (n,) of n instances and groups of spheres it lights; None for all, or where `sample` has told them apart."""
 
     sample: LightStage
     dimensions: int
@@ -87,6 +89,7 @@ class LightSource:
     seen_by: int = SEEN_BY_ALL
     unstopped: bool = False
     skipped: int = 0
+    find_lit: Callable[[Integers], Booleans] | None = None
 
 
 def leave_out(sources: Sequence[LightSource], present: Sequence[bool]) -> tuple[LightSource, ...]:
@@ -99,7 +102,7 @@ def leave_out(sources: Sequence[LightSource], present: Sequence[bool]) -> tuple[
     return tuple(kept)
 
 
-def lamp_source(light: Light, weigh: bool) -> LightSource:
+def lamp_source(light: Light, weigh: bool, links: LightLinks | None = None) -> LightSource:
     """A lamp: two pairs of numbers at most.
 
     weigh : False where no reflected ray can meet the lamp
@@ -118,7 +121,8 @@ def lamp_source(light: Light, weigh: bool) -> LightSource:
         pair = points.sampler.uniform_pair()
         return Aim(sample_light(light, points.surface.position, pair), _fill_keys(points, key_of_own))
 
-    return LightSource(sample, 2, light.cast_shadow, light.seen_by)
+    find_lit = partial(links.find_lit, light.receivers) if links is not None and light.receivers != ALL_SETS else None
+    return LightSource(sample, 2, light.cast_shadow, light.seen_by, find_lit=find_lit)
 
 
 def _replace_near(light: Light, points: LitPoints, aim: Aim) -> None:
@@ -140,7 +144,7 @@ def _fill_keys(points: LitPoints, key: int) -> Keys:
     return np.full(len(points.surface), key, dtype=np.int32)
 
 
-def emitter_source(emitters: Emitters) -> LightSource:
+def emitter_source(emitters: Emitters, links: LightLinks | None = None) -> LightSource:
     """All emissive geometry: a number to choose by, and a pair for the place."""
     shareable = not emitters.has_spheres
 
@@ -150,10 +154,15 @@ def emitter_source(emitters: Emitters) -> LightSource:
             picked, pair = pick_emitters(emitters, shared.uniform(dimension)), shared.uniform_pair(dimension + 1)
             places = place_on_triangles(emitters, picked, pair).select(shared.key)
             light = aim_at_triangles(places, points.surface)
-            vary_radiance(emitters, picked[shared.key], pair[shared.key], points.surface, light)
-            return Aim(light, shared.key.astype(np.int32))
-        choice, pair = points.sampler.uniform(0), points.sampler.uniform_pair(1)
-        return Aim(sample_emitters(emitters, points.surface, choice, pair), _fill_keys(points, ALONE))
+            picked, pair, key = picked[shared.key], pair[shared.key], shared.key.astype(np.int32)
+            vary_radiance(emitters, picked, pair, points.surface, light)
+        else:
+            picked, pair = pick_emitters(emitters, points.sampler.uniform(0)), points.sampler.uniform_pair(1)
+            light, key = sample_picked(emitters, points.surface, picked, pair), _fill_keys(points, ALONE)
+        if links is not None:
+            lit = links.find_lit(links.receivers[emitters.instance[picked]], points.surface.instance)
+            light.weight[~lit] = 0.0
+        return Aim(light, key)
 
     return LightSource(sample, 2)
 
@@ -216,6 +225,8 @@ def aim_at_lights(
         aim = source.sample(points)
         points = replace(points, sampler=points.sampler.skip(source.dimensions))
         light = reflect_light(points.shading, probabilities, aim.light, source.seen_by) * throughput
+        if source.find_lit is not None:
+            light[~source.find_lit(points.surface.instance)] = 0.0
         lit = np.flatnonzero((aim.light.density > 0) & any_column(light > 0))
         rays = _aim(points.surface, aim.light, lit) if source.cast_shadow else None
         light = take_rows(light, lit)

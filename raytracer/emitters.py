@@ -217,14 +217,13 @@ def _areas(tables: SurfaceTables, instance: Integers, primitive: Integers, corne
     return areas
 
 
-def sample_emitters(emitters: Emitters, surface: Surface, choice: Floats, pair: Floats) -> LightSamples:
-    """Sample a direction to the emissive geometry from each point of `surface`.
+def sample_picked(emitters: Emitters, surface: Surface, picked: NDArray[np.intp], pair: Floats) -> LightSamples:
+    """Sample a direction from each point of `surface` to its emitter of `picked` (n,).
 
     Parameters
     ----------
-    choice, pair : (n,), (n, 2) uniform numbers
+    pair : (n, 2) uniform numbers
     """
-    picked = pick_emitters(emitters, choice)
     samples = _aim_at_picked(emitters, surface, picked, pair)
     vary_radiance(emitters, picked, pair, surface, samples)
     return samples
@@ -329,8 +328,8 @@ def _aim_at_spheres(emitters: Emitters, surface: Surface, picked: NDArray[np.int
 def emitter_density(
     emitters: Emitters, origins: Floats, directions: Floats, instance: Integers, primitive: Integers
 ) -> Floats:
-    """Return the density per solid angle (n,) with which `sample_emitters` takes unit directions (n, 3) that meet the
-    given primitives; 0 where those do not shine, or are met edge-on."""
+    """Return the density per solid angle (n,) with which picked emitters are sampled in unit directions (n, 3) that
+    meet the given primitives; 0 where those do not shine, or are met edge-on."""
     tables = emitters.tables
     share_per_area = emitters.power_density[_materials(tables, instance, primitive)]
     density = np.zeros(len(instance))

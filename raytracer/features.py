@@ -12,6 +12,7 @@ from typing import Any
 
 from raytracer.nodes import reads_light_path
 from raytracer.programs import Register
+from raytracer.records import ALL_SETS
 from raytracer.scene import SEEN_BY_ALL, AreaLight, Closure, PointLight, Scene, SpotLight, SunLight, World
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
@@ -31,6 +32,7 @@ class Features:
     transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
     holdout : an object punches a hole into the alpha channel
     shadow_catchers : an object shows only how others change its light
+    light_linking : a lamp, or what shines, lights some objects only
     ray_visibility : an object is hidden from some rays
     programs : a parameter of a material is computed at each point
     light_path : a program asks how the ray came
@@ -52,6 +54,7 @@ class Features:
     transparency: bool
     holdout: bool
     shadow_catchers: bool
+    light_linking: bool
     ray_visibility: bool
     programs: bool
     light_path: bool
@@ -135,6 +138,8 @@ def derive_features(scene: Scene) -> Features:
         transparency=any(_lets_through(closure) for closure in closures),
         holdout=_is_any(scene, "holdout"),
         shadow_catchers=_is_any(scene, "shadow_catcher"),
+        light_linking=any(record.receivers != ALL_SETS for record in (*scene.lights, *scene.spheres))
+        or (scene.instances is not None and bool((scene.instances.receivers != ALL_SETS).any())),
         ray_visibility=hides,
         programs=any(closure.registers or closure.vectors for closure in closures),
         light_path=any(reads_light_path(material.program) for material in scene.materials),

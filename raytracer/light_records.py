@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 
 from raytracer.checks import require_choice
-from raytracer.records import SEEN_BY, SEEN_BY_ALL, set_array, set_color, set_field, set_number, set_seen_by
+from raytracer.records import (
+    ALL_SETS,
+    SEEN_BY,
+    SEEN_BY_ALL,
+    set_array,
+    set_color,
+    set_field,
+    set_number,
+    set_receivers,
+    set_seen_by,
+)
 
 # What sees a lamp as Blender makes it; shadow rays have nothing to do with it.
 LAMP_SEEN_BY = SEEN_BY_ALL - SEEN_BY["camera"]
@@ -23,6 +33,7 @@ class PointLight:
         only in the ways in which it is seen. So for all lamps
     shadow_catcher : True for a lamp that is part of what shadow catchers stand for: they know its light without the
         other objects. So for all lamps
+    receivers : the sets of objects that it lights, as bits: 1 << light_set. So for all lamps
     """
 
     position: Any
@@ -33,6 +44,7 @@ class PointLight:
     name: str = ""
     seen_by: int = LAMP_SEEN_BY
     shadow_catcher: bool = True
+    receivers: int = ALL_SETS
 
     def __post_init__(self) -> None:
         label = f"PointLight {self.name!r}"
@@ -40,6 +52,7 @@ class PointLight:
         set_color(self, "power", label)
         set_number(self, "radius", 0.0, np.inf, label)
         set_seen_by(self, label)
+        set_receivers(self, label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +98,7 @@ class SunLight:
     name: str = ""
     seen_by: int = LAMP_SEEN_BY
     shadow_catcher: bool = True
+    receivers: int = ALL_SETS
 
     def __post_init__(self) -> None:
         label = f"SunLight {self.name!r}"
@@ -96,6 +110,7 @@ class SunLight:
         set_color(self, "strength", label)
         set_number(self, "angle", 0.0, np.pi, label)
         set_seen_by(self, label)
+        set_receivers(self, label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +133,7 @@ class AreaLight:
     name: str = ""
     seen_by: int = LAMP_SEEN_BY
     shadow_catcher: bool = True
+    receivers: int = ALL_SETS
 
     def __post_init__(self) -> None:
         label = f"AreaLight {self.name!r}"
@@ -127,6 +143,7 @@ class AreaLight:
         require_choice(self.shape, ("rectangle", "ellipse"), f"{label}: shape")
         set_number(self, "spread", 0.0, np.pi, label)
         set_seen_by(self, label)
+        set_receivers(self, label)
 
 
 Light = PointLight | SpotLight | SunLight | AreaLight

@@ -37,6 +37,7 @@ class Paths:
     scatter_origin, scatter_normal : (k, 3) float64, where it was scattered last, which light sampling was done from
     density : (k,) float64, with which it was scattered into this direction; inf where light sampling could not
     rarest : (k,) float64, the least density of its bounces; inf before the first
+    scatterer : (k,) int32, instance that it was scattered by last; -1 before the first
     travelled : (k,) float64, metres from scatter_origin to the origin of this stretch
     """
 
@@ -50,6 +51,7 @@ class Paths:
     scatter_normal: Floats
     density: Floats
     rarest: Floats
+    scatterer: NDArray[np.int32]
     travelled: Floats
 
     def __len__(self) -> int:
@@ -73,6 +75,7 @@ class Paths:
             take_rows(self.scatter_normal, rows),
             self.density[rows],
             self.rarest[rows],
+            self.scatterer[rows],
             self.travelled[rows],
         )
 
@@ -103,6 +106,7 @@ def start_paths(rays: Rays) -> Paths:
         scatter_normal=np.zeros((count, 3)),
         density=np.full(count, np.inf),
         rarest=np.full(count, np.inf),
+        scatterer=np.full(count, -1, dtype=np.int32),
         travelled=np.zeros(count),
     )
 
@@ -184,5 +188,6 @@ def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: C
         scatter_normal=np.where(scattered, take_rows(shading.normal, alive), old.scatter_normal),
         density=np.where(passes, old.density, way.density[alive]),
         rarest=np.minimum(old.rarest, way.density[alive]),
+        scatterer=np.where(passes, old.scatterer, surface.instance),
         travelled=np.where(passes, old.travelled + stretch, 0.0),
     )

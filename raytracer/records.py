@@ -16,6 +16,9 @@ from raytracer.checks import as_array, require_finite, require_range
 # The classes of rays that may see an object or a lamp, as bits; shadow rays look for light from a surface.
 SEEN_BY = {"camera": 1, "diffuse": 2, "glossy": 4, "transmission": 8, "shadow": 16}
 SEEN_BY_ALL = sum(SEEN_BY.values())
+# Each object belongs to one of so many sets; what shines lights some of them, as bits of a number.
+SET_COUNT = 63
+ALL_SETS = 2**SET_COUNT - 1
 
 
 def set_field(record: Any, name: str, value: Any) -> None:
@@ -48,3 +51,10 @@ def set_seen_by(record: Any, label: str) -> None:
     mask = set_array(record, "seen_by", np.int32, (), label)
     require_range(mask, 0, SEEN_BY_ALL, f"{label}: seen_by")
     set_field(record, "seen_by", int(mask))
+
+
+def set_receivers(record: Any, label: str) -> None:
+    """Check the field `receivers`: the sets of objects that are lit, as bits of one number."""
+    mask = set_array(record, "receivers", np.int64, (), label)
+    require_range(mask, 0, ALL_SETS, f"{label}: receivers")
+    set_field(record, "receivers", int(mask))

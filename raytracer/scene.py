@@ -27,7 +27,18 @@ from raytracer.material_records import (
     Material,
 )
 from raytracer.programs import Program, Register, check_register
-from raytracer.records import SEEN_BY, SEEN_BY_ALL, set_array, set_color, set_field, set_number, set_seen_by
+from raytracer.records import (
+    ALL_SETS,
+    SEEN_BY,
+    SEEN_BY_ALL,
+    SET_COUNT,
+    set_array,
+    set_color,
+    set_field,
+    set_number,
+    set_receivers,
+    set_seen_by,
+)
 
 __all__ = [
     "CLOSURE_COLORS",
@@ -121,7 +132,7 @@ class Spheres:
     pass_index : int, the Object Index pass
     holdout : bool, True punches a hole into the image's alpha
     seen_by : bits of SEEN_BY, the classes of rays that see them
-    shadow_catcher : bool, as in Instances
+    shadow_catcher, light_set, receivers : bool, int, int, as in Instances
     """
 
     centres: Any
@@ -132,6 +143,8 @@ class Spheres:
     name: str = ""
     seen_by: int = SEEN_BY_ALL
     shadow_catcher: bool = False
+    light_set: int = 0
+    receivers: int = ALL_SETS
 
     def __post_init__(self) -> None:
         label = f"Spheres {self.name!r}" if self.name else "Spheres"
@@ -140,6 +153,9 @@ class Spheres:
         require_range(radii, np.nextafter(0.0, 1.0), np.inf, f"{label}: radii")
         _set_material(self, len(centres), label)
         set_seen_by(self, label)
+        set_receivers(self, label)
+        require_range(set_array(self, "light_set", np.int32, (), label), 0, SET_COUNT - 1, f"{label}: light_set")
+        set_field(self, "light_set", int(self.light_set))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +169,9 @@ class Instances:
     seen_by : (i,) int32, bits of SEEN_BY, the classes of rays that see it; None = all
     shadow_catcher : (i,) bool, True for what stands for a surface of the footage behind the picture: the camera sees of
         it only how the other objects change its light
+    light_set : (i,) int32, the set of objects it belongs to, 0 to 62, that lamps and what shines may light or not;
+        None = 0
+    receivers : (i,) int64, the sets that it lights where it shines, as bits: 1 << light_set; None = all
     random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
     """
 
@@ -164,6 +183,8 @@ class Instances:
     color: Any = None
     seen_by: Any = None
     shadow_catcher: Any = None
+    light_set: Any = None
+    receivers: Any = None
 
     def __post_init__(self) -> None:
         count = len(set_array(self, "mesh", np.int32, ("i",), "Instances"))
@@ -175,7 +196,8 @@ class Instances:
                 "Instances: world_from_object: expected (0, 0, 0, 1) as the last row of each matrix, "
                 f"got {matrices[row, 3].tolist()} at row {row}"
             )
-        for name, dtype in (("pass_index", np.int32), ("holdout", np.bool_), ("shadow_catcher", np.bool_)):
+        properties = {"pass_index": np.int32, "holdout": np.bool_, "shadow_catcher": np.bool_, "light_set": np.int32}
+        for name, dtype in properties.items():
             if getattr(self, name) is None:
                 set_field(self, name, np.zeros(count, dtype=dtype))
             set_array(self, name, dtype, (count,), "Instances")
@@ -185,6 +207,11 @@ class Instances:
         if self.seen_by is not None:
             mask = set_array(self, "seen_by", np.int32, (count,), "Instances")
             require_range(mask, 0, SEEN_BY_ALL, "Instances: seen_by")
+        require_range(self.light_set, 0, SET_COUNT - 1, "Instances: light_set")
+        if self.receivers is None:
+            set_field(self, "receivers", np.full(count, ALL_SETS, dtype=np.int64))
+        receivers = set_array(self, "receivers", np.int64, (count,), "Instances")
+        require_range(receivers, 0, ALL_SETS, "Instances: receivers")
 
     def __len__(self) -> int:
         return len(self.mesh)

@@ -30,10 +30,11 @@ from raytracer.emitters import Emitters, make_emitters
 from raytracer.environment import Environment, make_environment
 from raytracer.features import Features, derive_features
 from raytracer.lights import has_extent
+from raytracer.linking import LightLinks
 from raytracer.materials import MaterialTable, find_radiance, make_material_table
 from raytracer.part_caster import PartCaster
 from raytracer.rays import Booleans
-from raytracer.records import SEEN_BY, SEEN_BY_ALL
+from raytracer.records import ALL_SETS, SEEN_BY, SEEN_BY_ALL
 from raytracer.scene import Light, Scene
 from raytracer.settings import Settings
 from raytracer.site_tables import make_site_tables
@@ -60,6 +61,7 @@ class Integrator:
     cast : finds what rays hit of what they see
     visibility : how shadow rays fare
     holdout : (instances + groups,) bool, or None where nothing punches holes
+    links : which objects are lit by what, or None where all are by all
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     alone : the stages of the scene without all but its shadow catchers, or None
     pass_index : (instances + groups,) int32
@@ -86,6 +88,7 @@ class Integrator:
     interreflects: bool
     shines: bool
     dimensions: int
+    links: LightLinks | None = None
     is_catcher: Booleans | None = None
     alone: Integrator | None = None
 
@@ -152,11 +155,14 @@ def _compose(
     if features.emission and needs_light:
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
     lamps = [light for light in scene.lights if light_is_on(light)] if needs_light else []
-    sources = [lamp_source(light, weigh=features.rough or interreflects) for light in lamps]
+    links = None
+    if features.light_linking:
+        links = LightLinks(*(_gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
+    sources = [lamp_source(light, features.rough or interreflects, links) for light in lamps]
     shines = [present is None or light.shadow_catcher for light in lamps]
     lamps = list(compress(lamps, shines))
     if emitters is not None:
-        sources.append(emitter_source(emitters))
+        sources.append(emitter_source(emitters, links))
         shines.append(not emitters.is_empty)
     if background is not None:
         sources.append(world_source(background))
@@ -187,6 +193,7 @@ def _compose(
         interreflects=interreflects,
         shines=bool(visible_lamps) or emitters is not None or background is not None,
         dimensions=FIRST_SOURCE + sum(source.dimensions for source in sources) + interreflects,
+        links=links,
     )
 
 
@@ -200,6 +207,6 @@ def _gather_records(scene: Scene, name: str, dtype: type) -> NDArray[Any]:
     """Return a property of all instances, then of all groups of spheres."""
     instances = None if scene.instances is None else getattr(scene.instances, name)
     if instances is None:
-        default = SEEN_BY_ALL if name == "seen_by" else 0
+        default = {"seen_by": SEEN_BY_ALL, "receivers": ALL_SETS}.get(name, 0)
         instances = np.full(scene.instance_count, default, dtype)
     return np.concatenate([instances, np.array([getattr(group, name) for group in scene.spheres], dtype=dtype)])

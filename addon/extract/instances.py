@@ -19,6 +19,7 @@ from raytracer.scene import SEEN_BY, SEEN_BY_ALL
 
 from .kept import Kept
 from .lights import extract_light
+from .linking import Linked, make_link_sets, read_linking
 from .materials import MaterialTable
 from .mesh_table import MeshEntry, MeshTable
 from .meshes import Points, extract_points, open_mesh
@@ -102,9 +103,11 @@ class PartEntry:
 
 @dataclass
 class Placements:
-    """The parts, and of each instance worth keeping the number of its part, (4, 4) world matrix, and random number."""
+    """The parts and how they are linked, and of each instance worth keeping the number of its part, its (4, 4) matrix
+    in the world, and random number."""
 
     parts: list[Part] = field(default_factory=list)
+    links: list[Linked] = field(default_factory=list)
     part: list[int] = field(default_factory=list)
     world_from_object: list[NDArray[np.float64]] = field(default_factory=list)
     random: list[float] = field(default_factory=list)
@@ -147,6 +150,7 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
             known[key] = len(placements.parts) if part else -1
             if part:
                 placements.parts.append(part)
+                placements.links.append(read_linking(source, instancer, context.warnings))
         if known[key] >= 0:
             placements.part.append(known[key])
             placements.world_from_object.append(np.array(instance.matrix_world, dtype=np.float64))
@@ -199,7 +203,6 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
     seen_by = find_visibility(shown, instancer, context.view_layer)
     if seen_by:
         warn_hair(source, own)
-        warn_linking(source, own)
     points = extract_points(shown.data, source.name, own) if seen_by and shown.type == "POINTCLOUD" else None
     context.warnings.include(own.records)
     if not seen_by or (shown.type == "POINTCLOUD" and points is None):
@@ -257,7 +260,6 @@ def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
     seen_by = sum(SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name))
     if not seen_by & ~SEEN_BY["shadow"]:
         return None
-    warn_linking(source, context.warnings)
     return Part(
         object=ObjectKey(source.name_full, source.original.session_uid),
         light=shown.data,
@@ -274,15 +276,6 @@ def find_visibility(shown: Any, instancer: Any, view_layer: Any) -> int:
     if not instancer.holdout_get(view_layer=view_layer) and instancer.indirect_only_get(view_layer=view_layer):
         seen_by &= ~SEEN_BY["camera"]
     return seen_by
-
-
-def warn_linking(source: Any, warnings: WarningList) -> None:
-    """Name what lights, or is shadowed by, some objects only."""
-    linking = source.light_linking
-    if linking.receiver_collection is not None:
-        warnings.add("light linking is not supported, its light reaches all objects", source.name)
-    if linking.blocker_collection is not None:
-        warnings.add("shadow linking is not supported, all objects shadow its light", source.name)
 
 
 def warn_hair(source: Any, warnings: WarningList) -> None:
@@ -320,6 +313,7 @@ def place_parts(placements: Placements, warnings: WarningList, with_info: bool =
     matrices = np.array(placements.world_from_object).reshape(-1, 4, 4)  # (i, 4, 4)
     matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)  # as Cycles: a parent's inverse matrix may hold anything there
     finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
+    links = make_link_sets(placements.links, warnings)
     meshes: list[int] = []
     spheres, lights, sphere_objects = [], [], []
     for row, index in enumerate(placements.part):
@@ -329,10 +323,11 @@ def place_parts(placements: Placements, warnings: WarningList, with_info: bool =
         elif part.mesh is not None:
             meshes.append(row)
         elif part.points is not None:
-            spheres.append(place_points(part, matrices[row], warnings))
+            spheres.append(replace(place_points(part, matrices[row], warnings), **vars(links[index])))
             sphere_objects.append(part.object)
         elif (light := extract_light(part.light, part.object.name, matrices[row], warnings)) is not None:
-            lights.append(replace(light, seen_by=part.seen_by, shadow_catcher=part.shadow_catcher))
+            sets = links[index].receivers
+            lights.append(replace(light, seen_by=part.seen_by, shadow_catcher=part.shadow_catcher, receivers=sets))
     parts = [placements.parts[placements.part[row]] for row in meshes]
     instances = raytracer.Instances(
         mesh=np.array([part.mesh for part in parts], dtype=np.int32),
@@ -341,6 +336,8 @@ def place_parts(placements: Placements, warnings: WarningList, with_info: bool =
         holdout=np.array([part.holdout for part in parts], dtype=np.bool_),
         shadow_catcher=np.array([part.shadow_catcher for part in parts], dtype=np.bool_),
         seen_by=np.array([part.seen_by for part in parts], dtype=np.int32),
+        light_set=np.array([links[placements.part[row]].light_set for row in meshes], dtype=np.int32),
+        receivers=np.array([links[placements.part[row]].receivers for row in meshes], dtype=np.int64),
         random=np.array([placements.random[row] for row in meshes]) if with_info else None,
         color=np.array([part.color for part in parts]).reshape(-1, 4) if with_info else None,
     )

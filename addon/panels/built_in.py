@@ -21,7 +21,6 @@ LEFT_OUT = (
     "DATA_PT_volume_render",
     "EEVEE_MATERIAL_PT_viewport_settings",
     "NODE_DATA_PT_light",
-    "OBJECT_PT_shading",
     "RENDER_PT_freestyle",
     "RENDER_PT_stereoscopy",
 )

@@ -253,11 +253,10 @@ def test_limit_of_bounces_of_a_light_is_named(add_light: Callable[..., Any], sce
     assert "limit of 3 bounces" in warning.text
 
 
-def test_linked_light_is_named(add_light: Callable[..., Any], scene_with_camera: Any) -> None:
+def test_light_with_linked_shadows_is_named(add_light: Callable[..., Any], scene_with_camera: Any) -> None:
     linking = add_light("POINT", energy=1).light_linking
-    linking.receiver_collection = bpy.data.collections.new("Lit")
     linking.blocker_collection = bpy.data.collections.new("In the way")
-    assert ["linking is not supported" in warning.text for warning in extract().warnings] == [True, True]
+    assert ["shadow linking is not supported" in warning.text for warning in extract().warnings] == [True]
 
 
 def test_panorama_is_named(scene_with_camera: Any) -> None:

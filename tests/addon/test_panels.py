@@ -96,8 +96,7 @@ def test_left_out_panels_are_not_joined(empty_scene: Any, registered: None) -> N
 
 def test_left_out_names_are_panels_of_this_blender(empty_scene: Any) -> None:
     marked = {name for name, engines in find_compatible_engines().items() if "BLENDER_RENDER" in engines}
-    newer = {"OBJECT_PT_shading"} if bpy.app.version < (4, 3) else set()
-    assert set(built_in.LEFT_OUT) - newer <= marked
+    assert set(built_in.LEFT_OUT) <= marked
     assert all(any(name.startswith(group) for name in marked) for group in built_in.LEFT_OUT_GROUPS)
 
 

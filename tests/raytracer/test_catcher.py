@@ -15,12 +15,13 @@ from raytracer.scene import SEEN_BY, Closure, Material
 from raytracer.settings import Settings
 from raytracer.stages import prepare
 
-DIFFUSE, MIRROR, PANE, GLOWING = range(4)
+DIFFUSE, MIRROR, PANE, GLOWING, THIN = range(5)
 MATERIALS = [
     Material((Closure("diffuse", color=(0.8, 0.5, 0.2)),)),
     Material((Closure("glossy", color=0.9, roughness=0.0),)),
     Material((Closure("transparent", color=0.25),)),
     Material((Closure("emission", color=2.0), Closure("diffuse", color=0.5))),
+    Material((Closure("transparent", color=1.0, weight=0.25), Closure("diffuse", color=0.8, weight=0.75))),
 ]
 OVERHEAD = raytracer.SunLight((0, 0, 1), 3.0)
 # As bright on the ground as the one overhead; throws the shadow of what is at height 1 a metre to the left.
@@ -136,6 +137,19 @@ def test_what_lies_in_front_hides_the_catcher_by_its_own_alpha():
     alpha = see(make_scene([GROUND, ROOF, quad(-9, 9, 0.5, PANE)], [True, False, False]))[:, 3]
     np.testing.assert_allclose(alpha[RIGHT], 0.75 + 0.25 * 0.75, rtol=1e-6)
     np.testing.assert_allclose(alpha[:4], 1.0, rtol=1e-6)
+
+
+def test_a_catcher_that_is_seen_through_counts_what_passes_twice_as_in_cycles():
+    """A quarter goes through, in either half of the path: 1 - 2 / 4 of the shadow is left."""
+    alpha = see(make_scene([quad(-9, 9, 0, THIN), ROOF], [True, False]))[:, 3]
+    np.testing.assert_allclose(alpha, np.repeat([0.5, 0], 4), rtol=1e-6)
+
+
+def test_the_first_of_two_catchers_splits_the_path():
+    """What is seen through a thin catcher, another one, is light that it catches as well: none of it is in front."""
+    picture = see(make_scene([quad(-9, 9, 0.2, THIN), GROUND, ROOF], [True, True, False]))
+    assert not picture[:, :3].any()
+    np.testing.assert_allclose(picture[:, 3], np.repeat([1, 0], 4), rtol=1e-6)
 
 
 def test_objects_in_front_are_seen_as_they_are():

@@ -10,7 +10,7 @@ import pytest
 import raytracer
 from raytracer.accelerate.geometry import pack_geometry
 from raytracer.area_lights import area_spread_factor
-from raytracer.emitters import emitter_density, make_emitters, sample_emitters
+from raytracer.emitters import emitter_density, make_emitters, pick_emitters, sample_picked
 from raytracer.light_shapes import SMALL_SOLID_ANGLE, rectangle_solid_angle
 from raytracer.lights import evaluate_light, has_extent, sample_light, spot_attenuation
 from raytracer.rays import Surface
@@ -220,7 +220,7 @@ def test_emissive_triangles_light_as_lamberts_formula():
     assert len(emitters.instance) == 1  # the triangle without area is never picked
     pairs = grid_pairs()
     surface = surface_points(np.zeros((len(pairs), 3)))
-    samples = sample_emitters(emitters, surface, np.full(len(pairs), 0.5), pairs)
+    samples = sample_picked(emitters, surface, pick_emitters(emitters, np.full(len(pairs), 0.5)), pairs)
     cosine = np.maximum(samples.direction[:, 2], 0)
     expected = polygon_irradiance(np.zeros(3), corners, 1.0) * np.array([2, 4, 0])
     # sqrt(u) bends the grid at u = 0: the midpoint rule then converges as N^-3/2.
@@ -231,7 +231,9 @@ def test_emissive_sphere_lights_as_a_point_of_its_power():
     scene = raytracer.Scene(spheres=[raytracer.Spheres([[1, 0, 2]], [0.8])])
     emitters = make_scene_emitters(scene, [[3, 3, 3]])
     pairs = grid_pairs()
-    samples = sample_emitters(emitters, surface_points(np.zeros((len(pairs), 3))), np.full(len(pairs), 0.5), pairs)
+    samples = sample_picked(
+        emitters, surface_points(np.zeros((len(pairs), 3))), pick_emitters(emitters, np.full(len(pairs), 0.5)), pairs
+    )
     value = (samples.weight[:, 0] * samples.direction[:, 2]).mean()
     np.testing.assert_allclose(value, 3 * np.pi * 0.64 / 5 * 2 / np.sqrt(5), rtol=GRID_ERROR)
 
@@ -245,7 +247,7 @@ def test_sample_emitters_picks_by_power_and_reports_the_density_it_used():
     count = 4000
     surface = surface_points(rng.normal(size=(count, 3)))
     choice = rng.random(count)
-    samples = sample_emitters(emitters, surface, choice, rng.random((count, 2)))
+    samples = sample_picked(emitters, surface, pick_emitters(emitters, choice), rng.random((count, 2)))
     picked = np.searchsorted(emitters.cumulative, choice, side="right")
     density = emitter_density(
         emitters, surface.position, samples.direction, emitters.instance[picked], emitters.primitive[picked]
