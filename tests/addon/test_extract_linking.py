@@ -70,13 +70,12 @@ def test_collections_within_have_one_state_for_all_and_objects_the_last_word(lin
     inner, innermost = (bpy.data.collections.new(name) for name in ("Inner", "Innermost"))
     linked.children.link(inner)
     inner.children.link(innermost)
-    linked.collection_children[0].light_linking.link_state = "EXCLUDE"
-    link(inner, "A")
+    linked.collection_children[0].light_linking.link_state = "INCLUDE"
+    link(inner, "A", "EXCLUDE")
     link(innermost, "B")
     link(innermost, "C")
-    link(linked, "C")
-    link(linked, "D")
-    assert find_lit() == {"C", "D"}
+    link(linked, "C", "EXCLUDE")
+    assert find_lit() == {"A", "B"}
 
 
 def test_an_object_that_shines_lights_what_it_is_linked_to(linked: Any) -> None:

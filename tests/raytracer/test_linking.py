@@ -12,11 +12,12 @@ from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
 from raytracer.stages import prepare
 
-DIFFUSE, GLOSSY, GLOWING = range(3)
+DIFFUSE, GLOSSY, GLOWING, PANE = range(4)
 MATERIALS = [
     Material((Closure("diffuse", color=(0.8, 0.5, 0.2)),)),
     Material((Closure("glossy", color=0.9, roughness=0.3),)),
     Material((Closure("emission", color=2.0),)),
+    Material((Closure("transparent", color=0.5),)),
 ]
 LAMP = raytracer.PointLight((0.0, 0.5, 2.0), 50.0, radius=0.4, soft_falloff=False)
 
@@ -74,6 +75,21 @@ def test_a_sphere_that_shines_lights_the_sets_it_is_linked_to_and_no_others(mate
     ball = raytracer.Spheres([(0, 0, 9)], [2.0], material=GLOWING)
     linked = make_scene(meshes, light_set=[1, 2], spheres=replace(ball, receivers=1 << 2))
     assert_right_half_is_lit(see(linked), see(make_scene(meshes, spheres=ball)))
+
+
+def test_what_reflects_is_what_is_lit_behind_panes_as_well():
+    """Between a glossy ground and its lamp hangs a pane, of a set that the lamp does not light."""
+    meshes = [quad(-2, 2, 0, GLOSSY), quad(-9, 9, 1, PANE)]
+    plain = see(make_scene(meshes, [LAMP]))
+    linked = see(make_scene(meshes, [replace(LAMP, receivers=1 << 1)], light_set=[1, 2]))
+    assert plain.any()
+    np.testing.assert_array_equal(linked, plain)
+
+
+def test_meshes_without_instances_are_of_the_first_set_and_light_all():
+    scene = make_scene([quad(-2, 2), quad(-2, 2, 9, GLOWING)], [replace(LAMP, receivers=1 << 1)])
+    assert see(scene).any()
+    np.testing.assert_array_equal(see(replace(scene, instances=None)), see(scene))
 
 
 def test_the_camera_sees_every_emitter():
