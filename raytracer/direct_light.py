@@ -25,7 +25,7 @@ from raytracer.emitters import (
     sample_picked,
     vary_radiance,
 )
-from raytracer.environment import Environment, environment_density, find_environment, sample_environment
+from raytracer.environment import Environment, Way, environment_density, find_environment, list_ways
 from raytracer.light_shapes import LightSamples
 from raytracer.lights import has_extent, sample_light
 from raytracer.linking import LightLinks
@@ -167,22 +167,24 @@ def emitter_source(emitters: Emitters, links: LightLinks | None = None) -> Light
     return LightSource(sample, 2)
 
 
-def world_source(environment: Environment) -> LightSource:
+def world_sources(environment: Environment) -> list[LightSource]:
     """The world: directions around the shading normal, and to where it is bright.
 
     Cycles looks for the light of an even world with paths alone, which go on behind all that is transparent.
     """
 
-    def sample(points: LitPoints) -> Aim:
+    def sample(way: Way, points: LitPoints) -> Aim:
         normal = points.shading.normal
-        direction = sample_environment(environment, normal, points.sampler.uniform_pair())
+        direction = way(normal, points.sampler.uniform_pair())
         density = environment_density(environment, normal, direction)
         share = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
         weight = share[:, np.newaxis] * find_environment(environment, direction)
         light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
         return Aim(light, _fill_keys(points, ALONE))
 
-    return LightSource(sample, 1, unstopped=environment.program is None)
+    return [
+        LightSource(partial(sample, way), 1, unstopped=environment.program is None) for way in list_ways(environment)
+    ]
 
 
 # Shadow rays ---------------------------------------------------------------------------------------------------------

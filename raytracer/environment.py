@@ -1,9 +1,9 @@
 """The world: light from every direction that hits nothing, and how surfaces aim at it.
 
-A constant world is sampled around the normal with density cos / pi. One with a program is sampled half so, and half
-after a map of its own brightness over directions, less the mean, which the first half takes care of already (MIS
-compensation): a sun of one pixel is found as surely as an even sky. The density of the mixture is at least that of its
-first half, so that the estimate is unbiased whatever the map misses.
+A constant world is sampled around the normal with density cos / pi. One with a program is sampled once so and once
+after a map of its own brightness over directions, less the mean, which the first sample takes care of already (MIS
+compensation): a sun of one pixel is found as surely as an even sky. Both are weighed by the sum of their densities (the
+balance heuristic), which is at least that of the first, so that the estimate is unbiased whatever the map misses.
 
 To programs the world is a unit sphere around the camera, seen from inside, in world space: position is the direction,
 normal and view point back to the centre, as in Cycles (shader_setup_from_background).
@@ -11,13 +11,14 @@ Imports `directions`, `frames`, `lecture`, `nodes`, `programs`, `sampling`, `sce
 
 References
 ----------
-E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, chapter 9: the mixture.
+E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, chapter 9: the balance heuristic.
 O. Karlik, M. Sik, P. Vevoda, T. Skrivan, J. Krivanek, "MIS Compensation: Optimizing Sampling Techniques in Multiple
 Importance Sampling", 2019.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,8 +37,8 @@ from raytracer.site_tables import SiteTables, make_site_tables
 from raytracer.sites import LightPath, Site
 from raytracer.surface import make_surface_tables
 
-# The share of samples that follow the map.
-MAP_SHARE = 0.5
+# Unit directions (n, 3) to the world from points with shading normals (n, 3), for uniform numbers (n, 2).
+Way = Callable[[Floats, Floats], Floats]
 # Cells of the map along the horizon: as many as the widest image has pixels, within these limits.
 SMALLEST_WIDTH, LARGEST_WIDTH = 512, 2048
 # Directions evaluated at a time, to bound memory.
@@ -119,31 +120,26 @@ def _make_site(environment: Environment, directions: Floats, path: LightPath | N
 # Sampling
 
 
-def sample_environment(environment: Environment, normal: Floats, pair: Floats) -> Floats:
-    """Return unit directions (n, 3) to the world from points with shading normals (n, 3), for uniform numbers (n, 2).
+def list_ways(environment: Environment) -> list[Way]:
+    """Return the ways in which light from the world is sampled, each once: around the normal, and after the map."""
 
-    The first number also chooses between the two ways; what is left of it stays as even as it was.
-    """
-    if environment.grid is None:
+    def sample_around(normal: Floats, pair: Floats) -> Floats:
         return to_world(sample_cosine_hemisphere(pair), normal)
-    mapped = pair[:, 0] < MAP_SHARE
-    start, share = np.where(mapped, 0.0, MAP_SHARE), np.where(mapped, MAP_SHARE, 1.0 - MAP_SHARE)
-    pair = np.stack([(pair[:, 0] - start) / share, pair[:, 1]], axis=1)
-    directions = np.empty((len(pair), 3))
-    directions[mapped] = sample_map(environment.grid, pair[mapped])
-    directions[~mapped] = to_world(sample_cosine_hemisphere(pair[~mapped]), normal[~mapped])
-    return directions
+
+    def sample_brightness(normal: Floats, pair: Floats) -> Floats:
+        assert environment.grid is not None
+        return sample_map(environment.grid, pair)
+
+    return [sample_around] if environment.grid is None else [sample_around, sample_brightness]
 
 
 def environment_density(environment: Environment, normal: Floats, directions: Floats) -> Floats:
-    """Return the density (n,) per solid angle with which `sample_environment` takes unit directions (n, 3).
+    """Return the density (n,) per solid angle with which all ways together take unit directions (n, 3): their sum.
 
     Camera rays, of other lengths, were never scattered: what they get here counts for nothing.
     """
     density = np.maximum(dot(normal, directions), 0.0) / np.pi
-    if environment.grid is None:
-        return density
-    return (1.0 - MAP_SHARE) * density + MAP_SHARE * map_density(environment.grid, directions)
+    return density if environment.grid is None else density + map_density(environment.grid, directions)
 
 
 # The map

@@ -24,7 +24,7 @@ from raytracer.direct_light import (
     leave_out,
     opaque_visibility,
     transparent_visibility,
-    world_source,
+    world_sources,
 )
 from raytracer.emitters import Emitters, make_emitters
 from raytracer.environment import Environment, make_environment
@@ -165,8 +165,9 @@ def _compose(
         sources.append(emitter_source(emitters, links))
         shines.append(not emitters.is_empty)
     if background is not None:
-        sources.append(world_source(background))
-        shines.append(True)
+        ways = world_sources(background)
+        sources += ways
+        shines += [True] * len(ways)
     reflects = features.mirrors or interreflects
     meeting = SEEN_BY_ALL - SEEN_BY["shadow"] if reflects else SEEN_BY["camera"]
     visible_lamps = tuple(light for light in lamps if has_extent(light) and light.seen_by & meeting)

@@ -49,7 +49,7 @@ STAGES = {
 def test_prepare_composes_no_stage_that_the_scene_lacks(monkeypatch):
     forbid(
         monkeypatch,
-        *("make_emitters", "emitter_source", "world_source", "transparent_visibility", "sample_continuation"),
+        *("make_emitters", "emitter_source", "world_sources", "transparent_visibility", "sample_continuation"),
         *("emitter_density", "environment_density", "make_environment", "evaluate_light"),
     )
     values = see(raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LAMP]))
@@ -65,7 +65,7 @@ def test_prepare_composes_each_stage_for_the_material_that_needs_it(monkeypatch,
 
 
 def test_prepare_for_data_passes_casts_no_light(monkeypatch):
-    forbid(monkeypatch, "make_emitters", "add_direct_light", "world_source", "lamp_source", "sample_continuation")
+    forbid(monkeypatch, "make_emitters", "add_direct_light", "world_sources", "lamp_source", "sample_continuation")
     scene = raytracer.Scene(
         meshes=[FLOOR], materials=[STAGES["make_emitters"]], lights=[LAMP], world=raytracer.World(1.0)
     )
