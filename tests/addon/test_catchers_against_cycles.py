@@ -50,7 +50,9 @@ def assert_pictures_agree(scene, max_bounces=0, noisy=False, **options):
             assert metrics.share_failing_tiles(ours, cycles, samples * factor, size=8) == 0.0, transparent
 
 
-@pytest.mark.parametrize(("kind", "power"), [("POINT", 150.0), ("SUN", 3.0), ("AREA", 150.0)])
+@pytest.mark.parametrize(
+    ("kind", "power"), [pytest.param("POINT", 150.0, marks=pytest.mark.slow), ("SUN", 3.0), ("AREA", 150.0)]
+)
 def test_the_shadow_of_a_lamp_agrees(kind, power):
     scene = make_stage()
     add_lamp(kind, power)
@@ -71,6 +73,7 @@ def test_interreflection_agrees():
     assert_pictures_agree(scene, max_bounces=2, noisy=True, integrator="PATH")
 
 
+@pytest.mark.slow
 def test_a_catcher_in_a_mirror_agrees():
     scene = make_stage()
     add_lamp()
@@ -106,7 +109,7 @@ def test_a_catcher_that_is_seen_through_agrees():
     assert_pictures_agree(scene)
 
 
-@pytest.mark.parametrize("catches", [True, False])
+@pytest.mark.parametrize("catches", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_what_shines_as_a_catcher_or_not_agrees(catches):
     scene = make_stage()
     building.set_world((0.4, 0.5, 0.7), 0.5)
@@ -117,6 +120,7 @@ def test_what_shines_as_a_catcher_or_not_agrees(catches):
     assert_pictures_agree(scene, noisy=True)
 
 
+@pytest.mark.slow
 def test_one_catcher_over_another_agrees():
     scene = make_stage()
     building.set_world((0.4, 0.5, 0.7), 0.5)
@@ -132,6 +136,7 @@ def test_a_catcher_that_punches_a_hole_agrees():
     assert_pictures_agree(scene)
 
 
+@pytest.mark.slow
 def test_interreflection_and_glass_over_a_catcher_agree():
     scene = make_stage()
     building.set_world((0.4, 0.5, 0.7), 0.5)
