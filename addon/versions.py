@@ -120,8 +120,8 @@ def set_image_format(settings: Any, file_format: str) -> None:
     settings.file_format = file_format
 
 
-def sky_passes_zenith(version: tuple[int, ...] = VERSION) -> bool:
-    """Return True where the table of a Sky Texture of single scattering reaches past the zenith."""
+def has_half_skies(version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where the table of a Sky Texture ends at the horizon, and just past the zenith: before 5.0."""
     return version < (5, 0)
 
 

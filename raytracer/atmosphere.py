@@ -137,23 +137,34 @@ def _sees_sun(position: Floats, sun: Floats) -> NDArray[np.bool_]:
     return (sun[2] >= 0) | (along**2 - (position**2).sum(axis=-1) + EARTH**2 < 0)
 
 
-@lru_cache(maxsize=4)
-def tabulate_single(atmosphere: Atmosphere, past_zenith: bool = False) -> Floats:
-    """Return the sky of single scattering as XYZ, (h, w, 3), black below the horizon.
+# How fast a sky of single scattering fades below the horizon: to nothing 0.4 below it, by the cube of what is left.
+FADE = 2.5
 
-    past_zenith : True lets the rows reach from the horizon to half a row past the zenith, as in Blender before 5.0;
-        since then the horizon's own row is black
+
+def fade_below(sine: Numbers) -> Floats:
+    """Return the share that is left of the horizon's light at an elevation below it, of the given sine: (1 + 5/2 z)^3,
+    from z = -2/5 on nothing."""
+    return np.maximum(1.0 + FADE * np.minimum(sine, 0.0), 0.0) ** 3
+
+
+@lru_cache(maxsize=4)
+def tabulate_single(atmosphere: Atmosphere, half: bool = False) -> Floats:
+    """Return the sky of single scattering as XYZ, (h, w, 3), below the horizon what is left of the horizon's light.
+
+    half : True for the table of Blender before 5.0: its rows reach half a row past the zenith, and what it has below
+        the horizon does not fade, which is left to who reads it
     """
-    half = TABLE_HEIGHT // 2
+    middle = TABLE_HEIGHT // 2
     sun = place_rays(np.float64(atmosphere.elevation), np.float64(0.0))
-    zenith = np.pi / 2 * (1.0 + past_zenith * 0.5 / half)
-    first = 0 if past_zenith else 1
-    elevation = zenith * (np.arange(first, half) / half) ** 2
+    zenith = np.pi / 2 * (1.0 + half * 0.5 / middle)
     azimuth = 2.0 * np.pi / TABLE_WIDTH * np.arange(TABLE_WIDTH // 2) - np.pi
     table = np.zeros((TABLE_HEIGHT, TABLE_WIDTH // 2, 3))
-    for row, angle in enumerate(elevation, start=half + first):
-        spectrum = _scatter_once(place_rays(angle, azimuth), sun, atmosphere)
-        table[row] = spectrum @ COLOR_MATCHING * STEP_OF_WAVELENGTH
+    for row, angle in enumerate(zenith * (np.arange(middle) / middle) ** 2, start=middle):
+        directions = place_rays(angle, azimuth)
+        table[row] = _scatter_once(directions, sun, atmosphere) @ COLOR_MATCHING * STEP_OF_WAVELENGTH
+    below = -np.pi / 2 * (np.arange(middle) / middle - 1.0) ** 2
+    left = np.ones(middle) if half else fade_below(np.sin(below))
+    table[:middle] = left[:, np.newaxis, np.newaxis] * table[middle]
     return np.concatenate([table, table[:, ::-1]], axis=1)
 
 

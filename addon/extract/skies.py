@@ -32,7 +32,8 @@ def read_sky_settings(node: Any) -> dict[str, Any]:
     aerosol = node.aerosol_density if hasattr(node, "aerosol_density") else node.dust_density
     atmosphere = Atmosphere(elevation, node.altitude, node.air_density, aerosol, node.ozone_density)
     multiple = node.sky_type == "MULTIPLE_SCATTERING"
-    table = tabulate_multiple(atmosphere) if multiple else tabulate_single(atmosphere, versions.sky_passes_zenith())
+    half = versions.has_half_skies()
+    table = tabulate_multiple(atmosphere) if multiple else tabulate_single(atmosphere, half)
     pixels = np.pad(table, ((0, 0), (0, 0), (0, 1)), constant_values=1.0).astype(np.float32)
     size = max(node.sun_size, SMALLEST_SUN)
     solid_angle = 2.0 * math.pi * (1.0 - math.cos(size / 2))
@@ -46,7 +47,7 @@ def read_sky_settings(node: Any) -> dict[str, Any]:
         "sun_bottom": bottom * node.sun_intensity,
         "sun_top": top * node.sun_intensity,
         "horizon": math.asin(EARTH_RADIUS / (EARTH_RADIUS + node.altitude)) - math.pi / 2,
-        "ground": multiple,
+        "ground": not half,
     }
 
 

@@ -1,6 +1,6 @@
 """Environment Texture and Sky Texture: pictures of all directions.
 
-Imports `directions`, `textures`, `operation`, `sites`.
+Imports `atmosphere`, `directions`, `textures`, `operation`, `sites`.
 
 References
 ----------
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.atmosphere import fade_below
 from raytracer.directions import find_equirectangular
 from raytracer.frames import normalize
 from raytracer.lecture import dot, length
@@ -47,7 +48,6 @@ XYZ_TO_RGB = np.array(  # linear Rec. 709, IEC 61966-2-1
     [(3.2404542, -1.5371385, -0.4985314), (-0.9692660, 1.8760108, 0.0415560), (0.0556434, -0.2040259, 1.0572252)]
 )
 LIMB_DARKENING = 0.6
-FADED_GROUND = 0.508  # the row of the horizon, which fades downwards under single scattering
 
 
 def read_sky(
@@ -67,34 +67,28 @@ def read_sky(
 
     elevation, rotation, sun_size : radians, of the sun; size 0 has no disc
     sun_bottom, sun_top : XYZ of the disc's lowest and highest points; horizon : radians, below it the disc is hidden
-    ground : True where the table holds what lies below the horizon; False fades it to black by (1 + 5/2 z)^3, which is
-        Cycles' of 4.2; that of 5.0 to 5.2 is darker by 1% below the horizon, and by 12% of what is left at z = -0.3
+    ground : True where the table holds what lies below the horizon, and the sun shines through the sky, as since
+        Blender 5.0; False fades what is below, and shows the sun instead of the sky, which the horizon cuts
     """
     directions = np.broadcast_to(np.asarray(vector, float), (len(site), 3))
     z = np.clip(directions[:, 2], -1.0, 1.0)
     height = np.pi / 2 - np.arccos(z)
     u = (rotation - np.pi / 2 - np.arctan2(directions[:, 1], directions[:, 0])) / (2.0 * np.pi) % 1.0
     level = np.copysign(np.sqrt(np.abs(height) / (np.pi / 2)), height)
-    v, fade = 0.5 + 0.5 * level, np.ones(len(site))
+    shown = sample_image(image, np.stack([u, 0.5 + 0.5 * level], axis=1), "Linear", "EXTEND")[:, :3]
     if not ground:
-        below = z < 0
-        v = np.where(below, FADED_GROUND, v)
-        fade = np.where(below, np.maximum(1.0 + 2.5 * z, 0.0) ** 3, fade)
-    sky = _to_rgb(sample_image(image, np.stack([u, v], axis=1), "Linear", "EXTEND")[:, :3]) * spread(fade)
+        shown *= spread(fade_below(z))
     if sun_size > 0:
         across = np.cos(elevation)
         sun = np.array([-across * np.sin(rotation), across * np.cos(rotation), np.sin(elevation)])
-        away = 2.0 * np.arctan2(length(directions - sun), length(directions + sun))
-        disc = (away < sun_size / 2) & (height > horizon) & (ground | (z >= 0))
-        part = np.where(disc, away / (sun_size / 2), 0.0)
-        limb = 1.0 - LIMB_DARKENING * (1.0 - np.sqrt(1.0 - part**2))
-        shown = sun_bottom + spread((height - elevation) / sun_size + 0.5) * (np.asarray(sun_top) - sun_bottom)
-        sky = sky + _to_rgb(shown) * spread(np.where(disc, limb, 0.0))
-    return sky
-
-
-def _to_rgb(xyz: Array) -> Array:
-    return np.maximum(dot(XYZ_TO_RGB, xyz[:, np.newaxis]), 0.0)
+        away = 2.0 * np.arctan2(length(directions - sun), length(directions + sun)) / (sun_size / 2)
+        disc = (away < 1.0) & (height > horizon if ground else z >= 0)
+        lowest = elevation - sun_size / 2 if ground else max(elevation - sun_size / 2, 0.0)
+        part = spread((height - lowest) / (elevation + sun_size / 2 - lowest))
+        limb = 1.0 - LIMB_DARKENING * (1.0 - np.sqrt(1.0 - np.where(disc, away, 0.0) ** 2))
+        disc_light = (sun_bottom + part * (np.asarray(sun_top) - sun_bottom)) * spread(limb)
+        shown = np.where(spread(disc), disc_light + (shown if ground else 0.0), shown)
+    return np.maximum(dot(XYZ_TO_RGB, shown[:, np.newaxis]), 0.0)
 
 
 OPERATIONS = {

@@ -6,6 +6,7 @@ import pytest
 
 from addon.compare import metrics
 from addon.compare.rendering import Request, render_both
+from addon.extract.skies import SKY_TYPES
 from addon.versions import VERSION, find_node_tree
 from blend_scenes import building
 
@@ -149,6 +150,11 @@ def test_a_world_hidden_from_the_camera_agrees():
     assert_pictures_agree(scene)
 
 
+def list_sky_types():
+    """Skies that are clear, of this Blender."""
+    return [kind for kind in SKY_TYPES if kind in bpy.types.ShaderNodeTexSky.bl_rna.properties["sky_type"].enum_items]
+
+
 def test_a_clear_sky_agrees():
     """The sky of each version's own default, with a sun wide enough for pixels: background, balls and plane."""
     scene = make_stage()
@@ -162,6 +168,22 @@ def test_a_clear_sky_agrees():
 
     set_world(show_sky)
     assert_pictures_agree(scene)
+
+
+@pytest.mark.parametrize("kind", list_sky_types())
+def test_a_sunset_agrees(kind):
+    """The horizon, what lies below it, and a sun that it cuts."""
+    scene = building.start_scene(*SIZE)
+    building.add_camera((0, 0, 0), (1, 0, 0.01), 20)
+
+    def show_sky(tree):
+        sky = tree.nodes.new("ShaderNodeTexSky")
+        sky.sky_type, sky.altitude, sky.sun_intensity = kind, 2000.0, 0.01
+        sky.sun_size, sky.sun_elevation, sky.sun_rotation = 0.3, 0.04, np.pi / 2
+        return add_background(tree, sky.outputs[0])
+
+    set_world(show_sky)
+    assert_pictures_agree(scene, max_bounces=0)
 
 
 # Lenses

@@ -47,6 +47,18 @@ def test_a_sky_is_bluest_above_and_brightest_near_the_sun(tabulate):
     assert abs(int(sky[row, :, 1].argmax()) - 256) <= 1
 
 
+def test_a_sky_of_single_scattering_fades_below_the_horizon():
+    """The horizon's light times (1 + 5/2 z)^3, rows at elevations -pi/2 (1 - row/128)^2; an old half sky does not."""
+    sky = tabulate_single(EARTH)
+    left = (1.0 - 2.5 * np.sin(np.pi / 2 * (64 / 128) ** 2)) ** 3
+    assert 0 < left < 1
+    np.testing.assert_allclose(sky[64], left * sky[128], rtol=1e-12)
+    assert (sky[:32] == 0).all()
+    half = tabulate_single(EARTH, half=True)
+    np.testing.assert_array_equal(half[0], half[128])
+    np.testing.assert_array_equal(half[128], sky[128])
+
+
 def test_transmittance_straight_down_is_that_of_the_column():
     """exp of minus the integral of the extinction over height, by a hundred times finer steps of the midpoint rule."""
     height = (np.arange(6400) + 0.5) / 6400 * THICKNESS
