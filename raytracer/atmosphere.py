@@ -144,7 +144,8 @@ FADE = 2.5
 def fade_below(sine: Numbers) -> Floats:
     """Return the share that is left of the horizon's light at an elevation below it, of the given sine: (1 + 5/2 z)^3,
     from z = -2/5 on nothing."""
-    return np.maximum(1.0 + FADE * np.minimum(sine, 0.0), 0.0) ** 3
+    left: Floats = np.maximum(1.0 + FADE * np.minimum(sine, 0.0), 0.0)
+    return left**3
 
 
 @lru_cache(maxsize=4)

@@ -5,6 +5,8 @@ Passes mean what they mean in Cycles (intern/cycles/kernel/film/data_passes.h). 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from raytracer.bounces import describe_kinds
@@ -14,8 +16,10 @@ from raytracer.environment import Environment, environment_density, find_environ
 from raytracer.lecture import length
 from raytracer.lights import evaluate_light
 from raytracer.paths import Paths, Record
+from raytracer.probes import Probe
 from raytracer.rays import Floats, Hits, Surface
 from raytracer.rows import mean_column
+from raytracer.sampling import Sampler
 from raytracer.scatter import power_heuristic
 from raytracer.scene import Light
 from raytracer.sites import LightPath
@@ -131,9 +135,20 @@ def add_emission(integrator: Integrator, record: Record, paths: Paths, surface: 
     record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
 
 
-def describe_path(integrator: Integrator, paths: Paths, hits: Hits) -> LightPath | None:
-    """Return what programs of materials can ask of the rays; None where there are no programs."""
-    return None if integrator.materials.computed is None else describe_rays(paths, hits.distance)
+def describe_path(
+    integrator: Integrator, paths: Paths, hits: Hits, surface: Surface, sampler: Sampler
+) -> LightPath | None:
+    """Return what programs of materials can ask of the rays; None where there are no programs.
+
+    sampler : of the batch's rays
+    """
+    if integrator.materials.computed is None:
+        return None
+    path = describe_rays(paths, hits.distance)
+    if integrator.block is None:
+        return path
+    own = sampler.select(paths.row).skip(integrator.dimensions - 1 - integrator.interreflects)
+    return replace(path, probe=Probe(surface, integrator.block, own))
 
 
 def describe_rays(paths: Paths, distance: Floats | float) -> LightPath:

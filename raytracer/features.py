@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from raytracer.nodes import reads_light_path
+from raytracer.nodes import casts_rays, reads_light_path
 from raytracer.programs import Register
 from raytracer.records import ALL_SETS
 from raytracer.scene import SEEN_BY_ALL, AreaLight, Closure, PointLight, Scene, SpotLight, SunLight, World
@@ -36,6 +36,7 @@ class Features:
     ray_visibility : an object is hidden from some rays
     programs : a parameter of a material is computed at each point
     light_path : a program asks how the ray came
+    occlusion : a program casts rays
     """
 
     meshes: bool
@@ -58,6 +59,7 @@ class Features:
     ray_visibility: bool
     programs: bool
     light_path: bool
+    occlusion: bool
 
 
 def _may(closure: Closure, name: str, predicate: Callable[[Any], Any]) -> bool:
@@ -143,4 +145,5 @@ def derive_features(scene: Scene) -> Features:
         ray_visibility=hides,
         programs=any(closure.registers or closure.vectors for closure in closures),
         light_path=any(reads_light_path(material.program) for material in scene.materials),
+        occlusion=any(casts_rays(material.program) for material in scene.materials),
     )

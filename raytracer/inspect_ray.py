@@ -151,7 +151,8 @@ def trace_ray(inspector: Inspector, ray: TracedRay, path: Paths) -> list[Way]:
     ways: list[Way] = []
     if hits.hit[0]:
         surface = make_surface(integrator.tables, path.rays, hits)
-        shading = make_shading(integrator.materials, surface, describe_path(integrator, path, hits))
+        own = Sampler(PixelSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
+        shading = make_shading(integrator.materials, surface, describe_path(integrator, path, hits, surface, own))
         add_emission(integrator, record, path, surface, shading)
         ray.hit = describe_hit(inspector.caster, path.rays, hits, surface, shading)
         if not find_ended(path.bounces, integrator.settings)[0]:

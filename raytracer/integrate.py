@@ -124,7 +124,7 @@ def shade_wave(
 def shade(integrator: Integrator, record: Record, paths: Paths, hits: Hits, sampler: Sampler) -> Shaded:
     """See what is where rays hit: describe it, add what shines there, aim at the lights, and go on."""
     surface = make_surface(integrator.tables, paths.rays, hits)
-    shading = make_shading(integrator.materials, surface, describe_path(integrator, paths, hits))
+    shading = make_shading(integrator.materials, surface, describe_path(integrator, paths, hits, surface, sampler))
     describe_surface(integrator, record, paths, hits, surface, shading)
     add_emission(integrator, record, paths, surface, shading)
     shading = blur_lobes(shading, paths.rarest, integrator.settings.filter_glossy)

@@ -1,7 +1,7 @@
 """Where nodes are evaluated: points of surfaces, with all that nodes can read there.
 
 A Site looks values up only when a node asks for them.
-Imports `lecture`, `frames`, `rays`, `surface`, `camera`, `site_tables`, `accelerate.geometry`.
+Imports `lecture`, `frames`, `rays`, `surface`, `camera`, `probes`, `site_tables`, `accelerate.geometry`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from raytracer.accelerate.geometry import transform_points, world_corners
 from raytracer.camera import find_on_film
 from raytracer.frames import normalize
 from raytracer.lecture import cross, dot
+from raytracer.probes import Probe
 from raytracer.rays import Booleans, Floats, Surface
 from raytracer.site_tables import TANGENT, SiteTables, View
 from raytracer.surface import gather_corners
@@ -26,13 +27,17 @@ class LightPath:
     """How a ray came to n points, as the Light Path node tells: flags as 0 or 1, lengths, depths; all (n,) float64.
 
     What a field does not say is 0.
+
+    probe : what casts rays from the points, for programs that ask; None where nothing does
     """
 
     values: dict[str, Floats]
+    probe: Probe | None = None
 
     def select(self, rows: Any) -> LightPath:
         """Return some of the rays: index or boolean array."""
-        return LightPath({name: value[rows] for name, value in self.values.items()})
+        probe = None if self.probe is None else self.probe.select(rows)
+        return LightPath({name: value[rows] for name, value in self.values.items()}, probe)
 
 
 def describe_shadow_rays(count: int) -> LightPath:
@@ -244,6 +249,10 @@ class Site:
         """(n,) one of the numbers of a LightPath."""
         values = self.path.values if self.path is not None else {}
         return values.get(name, np.zeros(len(self)))
+
+    @property
+    def probe(self) -> Probe | None:
+        return None if self.path is None else self.path.probe
 
     def shift(self, offset: Floats) -> Site:
         """Return the site moved by (n, 3) metres within the plane of each triangle: position and barycentric weights.

@@ -33,6 +33,7 @@ from raytracer.lights import has_extent
 from raytracer.linking import LightLinks
 from raytracer.materials import MaterialTable, find_radiance, make_material_table
 from raytracer.part_caster import PartCaster
+from raytracer.probes import Block, make_block
 from raytracer.rays import Booleans
 from raytracer.records import ALL_SETS, SEEN_BY, SEEN_BY_ALL
 from raytracer.scene import Light, Scene
@@ -43,8 +44,8 @@ from raytracer.visibility import Cast, RayCaster, make_cast
 
 # Passes that need light; the others are known at the first surface.
 LIGHT_PASSES = frozenset(("Combined", "Diffuse Color", "Emission", "Shadow"))
-# Numbered dimensions of a wave: which way to go on, and where within it; the sources of light follow, and last the
-# chance to be cut short.
+# Numbered dimensions of a wave: which way to go on, and where within it; the sources of light follow, the rays of
+# programs, and last the chance to be cut short.
 CHOICE, WAY, FIRST_SOURCE = range(3)
 # What programs of materials that ask for the picture's size get where there is none.
 DEFAULT_FRAME = (1000, 1000)
@@ -60,6 +61,7 @@ class Integrator:
     background : the world, or None where it is black
     cast : finds what rays hit of what they see
     visibility : how shadow rays fare
+    block : tells which rays of programs are blocked; None where no program casts any
     holdout : (instances + groups,) bool, or None where nothing punches holes
     links : which objects are lit by what, or None where all are by all
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
@@ -81,6 +83,7 @@ class Integrator:
     emitters: Emitters | None
     background: Environment | None
     visibility: Visibility
+    block: Block | None
     holdout: Booleans | None
     pass_index: NDArray[np.int32]
     needs_light: bool
@@ -187,14 +190,15 @@ def _compose(
         emitters=emitters,
         background=background,
         visibility=visibility,
+        block=make_block(caster, cast, tables) if features.occlusion else None,
         holdout=_gather_records(scene, "holdout", np.bool_) if features.holdout else None,
         pass_index=_gather_records(scene, "pass_index", np.int32),
         needs_light=needs_light,
         goes_on=features.mirrors or features.transparency or interreflects,
         interreflects=interreflects,
         shines=bool(visible_lamps) or emitters is not None or background is not None,
-        dimensions=FIRST_SOURCE + sum(source.dimensions for source in sources) + interreflects,
         links=links,
+        dimensions=FIRST_SOURCE + sum(source.dimensions for source in sources) + features.occlusion + interreflects,
     )
 
 

@@ -142,9 +142,12 @@ def read_material_index(builder: ProgramBuilder, node: Any, groups: Groups, outp
     return {"pass_index": builder.pass_index}
 
 
-def warn_occlusion(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
-    builder.place.warn(f"node '{node.name}' (Ambient Occlusion) is not supported, nothing occludes")
-    return {}
+def read_occlusion(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+    """Ambient Occlusion: a constant distance of 0 stands for the world's own, which is not looked up."""
+    distance = find_socket(node.inputs, "Distance")
+    if find_link(distance) is None and distance.default_value == 0:
+        builder.place.warn(f"node '{node.name}' (Ambient Occlusion) has no distance of its own, nothing occludes")
+    return {name: getattr(node, name) for name in ("samples", "inside", "only_local")}
 
 
 READERS: dict[str, Reader] = {
@@ -163,5 +166,5 @@ READERS: dict[str, Reader] = {
     "TANGENT UV_MAP": lambda builder, node, groups, output: {"name": node.uv_map or DEFAULT_UV},
     "TANGENT RADIAL": lambda builder, node, groups, output: {"axis": node.axis, "name": GENERATED},
     "OBJECT_INFO Material Index": read_material_index,
-    "AMBIENT_OCCLUSION": warn_occlusion,
+    "AMBIENT_OCCLUSION": read_occlusion,
 }

@@ -4,7 +4,7 @@ Imports `lecture`, `frames`, `microfacet`, `operation`, `sites`.
 
 References
 ----------
-Blender, intern/cycles/kernel/svm/tex_coord.h, geometry.h, attribute.h, light_path.h, fresnel.h, camera.h.
+Blender, intern/cycles/kernel/svm/tex_coord.h, geometry.h, attribute.h, light_path.h, fresnel.h, camera.h, ao.h.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.frames import reflect
+from raytracer.frames import normalize, reflect
 from raytracer.lecture import dot, length
 from raytracer.microfacet import dielectric_reflectance
-from raytracer.nodes.operation import Array, Operation
+from raytracer.nodes.operation import Array, Operation, spread
 from raytracer.sites import Site
 
 SMALLEST_IOR = 1e-5  # as in Cycles
@@ -93,6 +93,22 @@ def read_view_vector(site: Site) -> Array:
     return seen / length(seen)[:, np.newaxis]
 
 
+def occlude(
+    site: Site, color: Any, distance: Any, normal: Any, *, samples: int, inside: bool, only_local: bool
+) -> tuple[Array, Array]:
+    """A color dimmed by, and the share of, what is open around a normal as far as a distance.
+
+    inside : True looks into the object; only_local : True where other objects block nothing. Where no rays are cast, at
+        lights, for shadow rays and in the world, all is open.
+    """
+    if site.probe is None:
+        return np.asarray(color), np.ones(())
+    around = normalize(np.broadcast_to(np.asarray(normal, float), (len(site), 3)))
+    reach = np.broadcast_to(np.asarray(distance, float), len(site))
+    open_ = site.probe.find_open(-around if inside else around, reach, samples, only_local)
+    return color * spread(open_), open_
+
+
 def _attribute(compute: Callable[..., Any], output: str) -> Operation:
     return Operation(compute, (), (output,), ("name",), reads_site=True, attributes=name_of)
 
@@ -157,6 +173,14 @@ OPERATIONS = {
     "FRESNEL": Operation(read_fresnel, ("IOR", "Normal"), ("Fac",), reads_site=True, links=_NORMAL),
     "LAYER_WEIGHT Fresnel": Operation(
         read_layer_fresnel, ("Blend", "Normal"), ("Fresnel",), reads_site=True, links=_NORMAL
+    ),
+    "AMBIENT_OCCLUSION": Operation(
+        occlude,
+        ("Color", "Distance", "Normal"),
+        ("Color", "AO"),
+        ("samples", "inside", "only_local"),
+        reads_site=True,
+        links=_NORMAL,
     ),
     "LAYER_WEIGHT Facing": Operation(read_facing, ("Blend", "Normal"), ("Facing",), reads_site=True, links=_NORMAL),
 }

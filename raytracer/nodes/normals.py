@@ -115,11 +115,6 @@ def _lay_down(site: Site, tangent: Array) -> Array:
     return cross(site.normal, normalize(cross(tangent, site.normal)))
 
 
-def occlude(color: Any) -> tuple[Any, Array]:
-    """Ambient Occlusion that sees nothing in the way."""
-    return color, np.ones(())
-
-
 def name_of_map(settings: Mapping[str, Any]) -> tuple[str, ...]:
     return ("tangent " + settings["name"],)
 
@@ -154,5 +149,4 @@ OPERATIONS = {
         reads_site=True,
         attributes=lambda settings: (settings["name"],),
     ),
-    "AMBIENT_OCCLUSION": Operation(occlude, ("Color",), ("Color", "AO")),
 }

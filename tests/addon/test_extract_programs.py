@@ -219,7 +219,10 @@ def test_an_unknown_node_is_named_and_the_rest_goes_on(tree: Any) -> None:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda tree: tree.nodes.new("ShaderNodeAmbientOcclusion").outputs["AO"], "nothing occludes"),
+        (
+            lambda tree: add_node(tree, "ShaderNodeAmbientOcclusion", {"Distance": 0.0}).outputs["AO"],
+            "nothing occludes",
+        ),
         (
             lambda tree: add_node(tree, "ShaderNodeAttribute", attribute_type="OBJECT", attribute_name="x").outputs[0],
             "attributes of type Object are not supported",
