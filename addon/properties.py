@@ -8,6 +8,8 @@ from typing import Any
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, PointerProperty
 
+from .versions import count_passages
+
 PRECISIONS = (
     ("CERTIFIED", "Certified", "Every hit is decided exactly and comes with a proven bound on its error"),
     ("FLOAT64", "Double", "64-bit floating point: watertight, without the proof"),
@@ -153,6 +155,8 @@ def settings_keywords(scene: Any) -> dict[str, Any]:
         "samples": settings.samples,
         "integrator": settings.integrator.lower(),
         **{name: getattr(settings, name) for name in (*BOUNCE_LIMITS, *TAMING)},
+        "transparent_bounces": count_passages(settings.transparent_bounces),
+        "shadow_passages": settings.transparent_bounces,
         "workers": settings.workers or count_processors(),
         "precision": settings.precision.lower(),
         "seed": settings.seed,

@@ -108,6 +108,12 @@ def has_simple_coats(version: tuple[int, ...] = VERSION) -> bool:
     return version < (4, 3)
 
 
+def count_passages(most: int, version: tuple[int, ...] = VERSION) -> int:
+    """Return how many surfaces a path passes straight before its last, where with its shadow ray it may pass `most`:
+    before 5.0 one more."""
+    return most if version >= (5, 0) else most + 1
+
+
 def default_shader(version: tuple[int, ...] = VERSION) -> str:
     """Return the kind of closure that Cycles gives what has no material: diffuse in 4.2, principled in 5.0."""
     return "principled" if version >= (5, 0) else "diffuse"

@@ -35,7 +35,9 @@ class Settings:
     diffuse_bounces, glossy_bounces, transmission_bounces : how many of them may be diffuse reflections, other
         reflections, and transmissions; None takes max_bounces
     transparent_bounces : straight passages of a ray, after the last of which it only sees what shines (0 as 1, as in
-        Cycles), and the most of a ray together with a shadow ray from it
+        Cycles)
+    shadow_passages : the most straight passages of a ray together with a shadow ray from it; None takes
+        transparent_bounces
     clamp_direct, clamp_indirect : the most that one sample of light may add to a pixel, as the mean of its channels,
         after no bounce, and after one or more; 0 sets no limit
     filter_glossy : the density of a bounce below which what follows is blurred; 0 blurs nothing. A picture is exact
@@ -59,6 +61,7 @@ class Settings:
     glossy_bounces: int | None = None
     transmission_bounces: int | None = None
     transparent_bounces: int = 128
+    shadow_passages: int | None = None
     clamp_direct: float = 0.0
     clamp_indirect: float = 0.0
     filter_glossy: float = 0.0
@@ -76,6 +79,8 @@ class Settings:
         for name in ("diffuse_bounces", "glossy_bounces", "transmission_bounces"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, self.max_bounces)
+        if self.shadow_passages is None:
+            object.__setattr__(self, "shadow_passages", self.transparent_bounces)
         for name, low, high in (
             ("samples", 1, WORD_LIMIT - 1),
             ("max_bounces", 0, None),
@@ -83,6 +88,7 @@ class Settings:
             ("glossy_bounces", 0, None),
             ("transmission_bounces", 0, None),
             ("transparent_bounces", 0, None),
+            ("shadow_passages", 0, None),
             ("seed", 0, WORD_LIMIT - 1),
             ("workers", 1, None),
             ("block_size", 1, None),

@@ -177,7 +177,8 @@ def _compose(
     seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
     cast = make_cast(caster, seen_by)
     if features.transparency:
-        visibility = transparent_visibility(cast, tables, materials, settings.transparent_bounces)
+        assert settings.shadow_passages is not None  # as Settings fills it in
+        visibility = transparent_visibility(cast, tables, materials, settings.shadow_passages)
     else:
         visibility = opaque_visibility(caster, None if seen_by is None else cast)
     return Integrator(

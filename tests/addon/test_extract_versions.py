@@ -55,3 +55,8 @@ def test_node_tree_in_use_is_found_without_warning() -> None:
     always = versions.VERSION >= (5, 0)
     assert [versions.find_node_tree(owner) is not None for owner in (material, world)] == [always, always]
     assert (versions.find_node_tree(light) is not None) == (versions.VERSION >= (5, 1))
+
+
+@pytest.mark.parametrize(("version", "passages"), [((4, 2, 0), 3), ((4, 5, 0), 3), ((5, 0, 0), 2), ((5, 2, 3), 2)])
+def test_paths_pass_one_surface_more_before_blender_5(version: tuple[int, ...], passages: int) -> None:
+    assert versions.count_passages(2, version) == passages

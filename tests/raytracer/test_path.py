@@ -219,6 +219,24 @@ def test_transparent_passages_have_a_limit_and_the_last_one_sees_what_shines(mos
     np.testing.assert_allclose(seen["Combined"][0, 0], 2 * (1 - 0.5 ** (most + 1)), rtol=1e-14)
 
 
+@pytest.mark.parametrize(("limits", "most"), [({}, 3), ({"shadow_passages": 2}, 2), ({"shadow_passages": 0}, 0)])
+def test_shadow_rays_pass_as_many_surfaces_as_they_may(limits, most):
+    """A lamp above panes lights the floor through as many as are allowed, and through no more."""
+    clear, white = Material((Closure("transparent", color=1.0),)), Material((Closure("diffuse", color=1.0),))
+    corners = np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]])
+    rays = make_rays([[0.1, 0.2, 0.5]], [[0, 0, -1.0]])
+    lit = []
+    for panes in range(5):
+        sheets = [np.add(corners, (0, 0, height)) for height in range(panes + 1)]
+        meshes = [raytracer.Mesh(p, [[0, 1, 2], [0, 2, 3]], material=[min(i, 1)] * 2) for i, p in enumerate(sheets)]
+        lamp = raytracer.PointLight((0, 0, 8), 30)
+        scene = raytracer.Scene(meshes=meshes, materials=[white, clear], lights=[lamp])
+        integrator = prepare(scene, raytracer.build(scene), Settings(transparent_bounces=3, **limits))
+        seen = trace(integrator, rays, PixelSamples(np.zeros(1, np.uint32), 0, 0))
+        lit.append(seen["Combined"][0, 0] > 0)
+    assert lit == [panes <= most for panes in range(5)]
+
+
 # Only what the scene needs -------------------------------------------------------------------------------------------
 
 
