@@ -2,7 +2,7 @@
 
 Only the rays of paths come with a Probe, and only where a program of the scene asks (`stages.prepare`): to lights,
 shadow rays and the world nothing is in the way, as in Cycles.
-Imports `frames`, `rays`, `sampling`, `surface`, `visibility`, `accelerate`.
+Imports `frames`, `rays`, `sampling`, `surface`, `visibility`.
 
 References
 ----------
@@ -18,19 +18,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate import Caster
 from raytracer.frames import to_world
 from raytracer.rays import Booleans, Floats, Rays, Surface
 from raytracer.sampling import Sampler, sample_cosine_hemisphere
 from raytracer.surface import SurfaceTables, make_surface, spawn_origin
-from raytracer.visibility import Cast, classify_shadows
+from raytracer.visibility import Cast, RayCaster, classify_shadows
 
 Objects = NDArray[np.int32]
 # True (n,) where rays hit anything; given objects (n,), only what each hits of its own counts.
 Block = Callable[[Rays, Objects | None], Booleans]
 
 
-def make_block(caster: Caster, cast: Cast, tables: SurfaceTables) -> Block:
+def make_block(caster: RayCaster, cast: Cast, tables: SurfaceTables) -> Block:
     """Return the function that tells which rays are blocked; `cast` tells what shadow rays see."""
 
     def block(rays: Rays, objects: Objects | None) -> Booleans:
@@ -41,7 +40,7 @@ def make_block(caster: Caster, cast: Cast, tables: SurfaceTables) -> Block:
     return block
 
 
-def _block_own(caster: Caster, tables: SurfaceTables, rays: Rays, objects: Objects) -> Booleans:
+def _block_own(caster: RayCaster, tables: SurfaceTables, rays: Rays, objects: Objects) -> Booleans:
     """Return (n,) True where a ray hits its own object, behind whatever others."""
     blocked, rows = np.zeros(len(rays), dtype=np.bool_), np.arange(len(rays))
     while len(rows):
