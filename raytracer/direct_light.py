@@ -38,6 +38,7 @@ from raytracer.scatter import reflect_light
 from raytracer.scene import Light
 from raytracer.shared_lights import is_near, is_shareable, sample_shared, share_points
 from raytracer.surface import SurfaceTables, make_surface, spawn_origin
+from raytracer.taming import GEOMETRY, LAMP, OTHER, WORLD, find_chances
 from raytracer.visibility import Cast, RayCaster, classify_shadows
 
 # The key of shadow rays that share nothing.
@@ -80,8 +81,9 @@ LightStage = Callable[[LitPoints], Aim]
 class LightSource:
     """A source of light: the stage that samples it, how many numbered dimensions that takes, whether it throws shadows,
     the classes of rays that see it, which are the ways in which its light is reflected, whether its light passes
-    transparent surfaces that stop that of others, how many numbered dimensions before its own nobody takes, and which
-    (n,) of n instances and groups of spheres it lights; None for all, or where `sample` has told them apart."""
+    transparent surfaces that stop that of others, how many numbered dimensions before its own nobody takes, its kind
+    and chance among what Cycles would choose from (`taming`), and which (n,) of n instances and groups of spheres it
+    lights; None for all, or where `sample` has told them apart."""
 
     sample: LightStage
     dimensions: int
@@ -89,6 +91,8 @@ class LightSource:
     seen_by: int = SEEN_BY_ALL
     unstopped: bool = False
     skipped: int = 0
+    kind: int = LAMP
+    chance: float = 1.0
     find_lit: Callable[[Integers], Booleans] | None = None
 
 
@@ -100,6 +104,13 @@ def leave_out(sources: Sequence[LightSource], present: Sequence[bool]) -> tuple[
             kept.append(replace(source, skipped=source.skipped + skipped))
         skipped = 0 if stays else skipped + source.dimensions
     return tuple(kept)
+
+
+def set_chances(sources: Sequence[LightSource]) -> tuple[LightSource, ...]:
+    """Return all the sources that there are with the chances that Cycles would choose them with."""
+    kinds = [source.kind for source in sources]
+    chances = find_chances(kinds.count(LAMP) + (WORLD in kinds), GEOMETRY in kinds)
+    return tuple(replace(source, chance=chances.get(source.kind, 1.0)) for source in sources)
 
 
 def lamp_source(light: Light, weigh: bool, links: LightLinks | None = None) -> LightSource:
@@ -164,7 +175,7 @@ def emitter_source(emitters: Emitters, links: LightLinks | None = None) -> Light
             light.weight[~lit] = 0.0
         return Aim(light, key)
 
-    return LightSource(sample, 2)
+    return LightSource(sample, 2, kind=GEOMETRY)
 
 
 def world_sources(environment: Environment) -> list[LightSource]:
@@ -182,9 +193,9 @@ def world_sources(environment: Environment) -> list[LightSource]:
         light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
         return Aim(light, _fill_keys(points, ALONE))
 
-    return [
-        LightSource(partial(sample, way), 1, unstopped=environment.program is None) for way in list_ways(environment)
-    ]
+    even = environment.program is None
+    kind = OTHER if even else WORLD
+    return [LightSource(partial(sample, way), 1, unstopped=even, kind=kind) for way in list_ways(environment)]
 
 
 # Shadow rays ---------------------------------------------------------------------------------------------------------
@@ -199,7 +210,7 @@ class ShadowRays:
     key : (k,) int32, as in Aim
     passages : (k,) int32, as in LitPoints
     rays : None where the source throws no shadows
-    unstopped : as in LightSource
+    unstopped, chance : as in LightSource
     """
 
     row: Indices
@@ -208,6 +219,7 @@ class ShadowRays:
     passages: Counts
     rays: Rays | None
     unstopped: bool = False
+    chance: float = 1.0
 
 
 def aim_at_lights(
@@ -232,7 +244,8 @@ def aim_at_lights(
         lit = np.flatnonzero((aim.light.density > 0) & any_column(light > 0))
         rays = _aim(points.surface, aim.light, lit) if source.cast_shadow else None
         light = take_rows(light, lit)
-        aimed.append(ShadowRays(row[lit], light, aim.key[lit], points.passages[lit], rays, source.unstopped))
+        passages, chance = points.passages[lit], source.chance
+        aimed.append(ShadowRays(row[lit], light, aim.key[lit], passages, rays, source.unstopped, chance))
     return aimed
 
 

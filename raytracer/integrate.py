@@ -194,7 +194,7 @@ def add_direct_light(integrator: Integrator, record: Record, aimed: list[ShadowR
     for rays, share in zip(aimed, cast_shadows(integrator.visibility, aimed), strict=True):
         arriving = rays.light * share
         if record.limit is not None:
-            arriving = clamp(arriving, record.limit[rays.row])
+            arriving = clamp(arriving, rays.chance * record.limit[rays.row])
         record.add("Combined", rays.row, arriving)
         if first and record.unshadowed is not None:
             record.add("Shadow", rays.row, arriving)

@@ -23,6 +23,7 @@ from raytracer.direct_light import (
     lamp_source,
     leave_out,
     opaque_visibility,
+    set_chances,
     transparent_visibility,
     world_sources,
 )
@@ -186,7 +187,7 @@ def _compose(
         settings=settings if present is None else replace(settings, passes=("Combined",)),
         tables=tables,
         materials=materials,
-        sources=leave_out(sources, shines),
+        sources=set_chances(leave_out(sources, shines)),
         visible_lamps=visible_lamps,
         emitters=emitters,
         background=background,

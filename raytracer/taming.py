@@ -1,8 +1,9 @@
 """Fireflies tamed, at the price of light: Cycles' clamping, and its blurring of what rare paths see (Filter Glossy).
 
-Both are off unless the settings ask for them, and a picture that is to be exact has both off. Cycles clamps the light
-of the one source that it has chosen, weighed by how seldom it chooses it; here every source is aimed at, and each is
-clamped for itself, which takes less. Imports `bounces`, `closures`, `facets`, `microfacet`, `rays`, `settings`.
+Both are off unless the settings ask for them, and a picture that is to be exact has both off. Cycles aims at one
+source, chosen with a chance p, and clamps its light l / p to a limit c; what that leaves on average, p min(l / p, c),
+is min(l, p c). Here every source is aimed at, and each is clamped to its share p c of the limit, with the chances that
+Cycles has without its light tree. Imports `bounces`, `closures`, `facets`, `microfacet`, `rays`, `settings`.
 
 References
 ----------
@@ -25,6 +26,8 @@ from raytracer.settings import Settings
 
 # The limits are means of the three channels; sums are compared.
 CHANNELS = 3
+# What is chosen from: lamps, of which a world that varies is one, and all that shines; nobody chooses an even world.
+LAMP, WORLD, GEOMETRY, OTHER = range(4)
 # What a path sees is blurred to this roughness (alpha) at most.
 LARGEST_BLUR = 0.5
 
@@ -46,6 +49,13 @@ def _list_limits(settings: Settings) -> tuple[float, float]:
 def is_clamped(settings: Settings) -> bool:
     """True where any light has a limit."""
     return any(limit > 0 for limit in _list_limits(settings))
+
+
+def find_chances(lamps: int, geometry: bool) -> dict[int, float]:
+    """Return the chances with which one of so many lamps is chosen, and shining geometry: a half for either kind, where
+    there are both."""
+    every = 0.5 if lamps and geometry else 1.0
+    return {LAMP: every / max(lamps, 1), WORLD: every / max(lamps, 1), GEOMETRY: every}
 
 
 def clamp(light: Floats, limit: Floats) -> Floats:

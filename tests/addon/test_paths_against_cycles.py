@@ -181,3 +181,15 @@ def test_clamped_light_agrees(name):
     lamp.data.shadow_soft_size = 0.0
     add_ball(MATERIALS["diffuse"]())
     assert_agree(scene, taming={name: 0.05})
+
+
+def test_clamped_light_of_several_lamps_agrees():
+    """Cycles chooses one of them, evenly without its light tree, and clamps it for all."""
+    scene = make_room()
+    bpy.data.objects.remove(bpy.data.objects["Lamp"])
+    for number, place in enumerate([(0.5, 0, 1.5), (-0.5, 0.3, 1.2), (0.6, -0.4, 0.8)]):
+        lamp = building.add_light(f"Lamp {number}", "POINT", 6.0, place, (0, 0, 0))
+        lamp.data.shadow_soft_size = 0.0
+    add_ball(MATERIALS["diffuse"]())
+    scene.cycles.use_light_tree = False
+    assert_agree(scene, max_bounces=1, taming={"clamp_direct": 0.25})

@@ -11,6 +11,7 @@ from raytracer.sampling import PixelSamples
 from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
 from raytracer.stages import prepare
+from raytracer.taming import GEOMETRY, LAMP, find_chances
 
 COUNT = 64
 POWER, RADIUS = 50.0, 2.0
@@ -25,7 +26,7 @@ def look_at_wall(materials, lights=(), **settings):
     spheres = raytracer.Spheres([(0, 0, 0)], [RADIUS])
     scene = raytracer.Scene(spheres=spheres, materials=materials, lights=lights)
     rays = make_rays(np.full((COUNT, 3), 0.1), np.random.default_rng(3).normal(size=(COUNT, 3)))
-    chosen = Settings(integrator="path", max_bounces=1, **settings)
+    chosen = Settings(integrator="path", **{"max_bounces": 1, **settings})
     samples = PixelSamples(np.arange(COUNT, dtype=np.uint32), 0, 0)
     return trace(prepare(scene, raytracer.build(scene), chosen), rays, samples)["Combined"][:, :3]
 
@@ -45,6 +46,24 @@ def test_clamped_light_keeps_its_hue_and_its_limit(direct, indirect):
     seen = look_at_lit_wall(clamp_direct=direct, clamp_indirect=indirect)
     expected = dim(DIRECT, direct or np.inf) + dim(INDIRECT, indirect or np.inf)
     np.testing.assert_allclose(seen, np.broadcast_to(expected, seen.shape), rtol=1e-9)
+
+
+def test_each_of_several_lamps_has_its_share_of_the_limit():
+    """A lamp chosen of three would add three times its light, up to the limit, every third time."""
+    wall = Material((Closure("diffuse", color=ALBEDO),))
+    powers = (0.2, 0.5, 2.0)
+    lamps = [raytracer.PointLight((0, 0, 0), power * POWER) for power in powers]
+    seen = look_at_wall([wall], lamps, max_bounces=0, clamp_direct=0.1)
+    expected = sum(dim(3 * power * DIRECT, 0.1) / 3 for power in powers)
+    np.testing.assert_allclose(seen, np.broadcast_to(expected, seen.shape), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("lamps", "geometry", "chances"), [(2, False, (0.5, 1)), (0, True, (1, 1)), (2, True, (0.25, 0.5))]
+)
+def test_shining_geometry_is_chosen_as_often_as_all_lamps(lamps, geometry, chances):
+    found = find_chances(lamps, geometry)
+    assert (found[LAMP], found[GEOMETRY]) == chances
 
 
 @pytest.mark.parametrize(
