@@ -157,7 +157,8 @@ def weigh_options(integrator: Integrator, paths: Paths, shading: Shading, ended:
 
     A path that has used up its bounces still sees what shines where it ends: light sampling has counted on that. Where
     diffuse reflection is the only bounce, and would be the last, light sampling is left all of it; not so where
-    geometry shines, for close by, in corners, no other way of sampling keeps the noise finite.
+    geometry shines, for close by, in corners, no other way of sampling keeps the noise finite, nor where light comes
+    through from behind, where nobody looks for the world.
     """
     probabilities = option_probabilities(shading, integrator.interreflects)
     if ended.any():
@@ -169,6 +170,9 @@ def weigh_options(integrator: Integrator, paths: Paths, shading: Shading, ended:
         kind = np.full(len(paths), DIFFUSE, dtype=np.uint8)
         last = find_ended(count_bounces(paths.bounces, kind), integrator.settings)
         last &= ~probabilities[:, 1:first].any(axis=1)
+        for part in shading.tilted:
+            if part.transmits:
+                last[part.hit] = False
         probabilities[last, 0] = probabilities[last, 0] > 0
         probabilities[last, first:] = 0.0
     return probabilities

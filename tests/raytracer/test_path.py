@@ -55,6 +55,18 @@ def test_white_furnace_is_a_geometric_series(most):
     assert_mean(seen, (1 - GREYS ** (most + 2)) / (1 - GREYS))
 
 
+@pytest.mark.parametrize("most", [0, 2])
+def test_a_curtain_shows_the_world_behind_it(most):
+    """A Lambertian sheet that lets all light through, under an even world: its albedo, whichever bounce is the last."""
+    sheet = raytracer.Mesh([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], [[0, 1, 2], [0, 2, 3]])
+    curtain = Material((Closure("translucent", color=GREYS),))
+    scene = raytracer.Scene(meshes=[sheet], materials=[curtain], world=raytracer.World(1.0))
+    rays = make_rays(np.tile((0.0, 0.0, 1.0), (64, 1)), np.tile((0.1, 0.0, -1.0), (64, 1)))
+    integrator = prepare(scene, raytracer.build(scene), Settings(integrator="path", max_bounces=most))
+    seen = trace(integrator, rays, PixelSamples(np.arange(64, dtype=np.uint32), 0, 0))["Combined"][:, :3]
+    np.testing.assert_allclose(seen, np.tile(GREYS, (64, 1)), rtol=1e-12)
+
+
 @pytest.mark.parametrize("most", [0, 1, 4])
 def test_integrating_sphere_is_evenly_lit(most):
     """A point lamp of P watts in the centre of a sphere of radius R: every bounce is even, E = P / (4 pi R^2) a^k."""
