@@ -131,6 +131,11 @@ def has_half_skies(version: tuple[int, ...] = VERSION) -> bool:
     return version < (5, 0)
 
 
+def has_whole_cells(version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where Voronoi Texture hashes its cells as whole numbers: since 5.0."""
+    return version >= (5, 0)
+
+
 def read_light_bounces(light: Any) -> int | None:
     """Return the bounces after which a light lights nothing, or None without limit; the setting is Cycles' own."""
     settings = getattr(light, "cycles", None)

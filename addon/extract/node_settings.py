@@ -14,6 +14,7 @@ import numpy as np
 from raytracer.nodes import OPERATIONS
 from raytracer.nodes.ramps import TABLE_SIZE
 
+from .. import versions
 from .images import is_associated
 from .nodes import Groups, find_link, find_socket
 from .skies import read_sky_settings
@@ -150,6 +151,11 @@ def read_occlusion(builder: ProgramBuilder, node: Any, groups: Groups, output: s
     return {name: getattr(node, name) for name in ("samples", "inside", "only_local")}
 
 
+def read_voronoi(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+    names = ("feature", "distance", "normalize", "voronoi_dimensions")
+    return {**{name: getattr(node, name) for name in names}, "whole": versions.has_whole_cells()}
+
+
 READERS: dict[str, Reader] = {
     **{f"ATTRIBUTE {output}": read_attribute_name for output in ("Vector", "Fac", "Alpha")},
     "VERTEX_COLOR Alpha": read_attribute_name,
@@ -167,4 +173,5 @@ READERS: dict[str, Reader] = {
     "TANGENT RADIAL": lambda builder, node, groups, output: {"axis": node.axis, "name": GENERATED},
     "OBJECT_INFO Material Index": read_material_index,
     "AMBIENT_OCCLUSION": read_occlusion,
+    "TEX_VORONOI": read_voronoi,
 }

@@ -216,3 +216,38 @@ BUMPS = {
 
 def test_bump_agrees(empty_scene: Any, record_property: Any) -> None:
     assert_agreement(BUMPS, PACKED_NORMALS, record_property)
+
+
+VORONOIS = {
+    f"voronoi {dimensions} {feature} {metric} {detail} {output}": make(
+        "ShaderNodeTexVoronoi",
+        output,
+        {
+            "Vector": CENTRED,
+            "W": X,
+            "Scale": 2.3,
+            "Detail": detail,
+            "Roughness": 0.6,
+            "Lacunarity": 2.1,
+            "Exponent": 1.5,
+            "Randomness": 0.8,
+        },
+        voronoi_dimensions=dimensions,
+        feature=feature,
+        distance=metric,
+        normalize=detail > 0,
+    )
+    for dimensions in ("1D", "2D", "3D", "4D")
+    for feature, metric, detail, outputs in (
+        ("F1", "EUCLIDEAN", 0.0, ("Distance", "Color", "Position", "W")),
+        ("F1", "MANHATTAN", 1.4, ("Distance", "Color", "Position")),
+        ("F2", "CHEBYCHEV", 1.0, ("Distance", "Color")),
+        ("F1", "MINKOWSKI", 0.0, ("Distance",)),
+    )
+    for output in outputs
+    if (dimensions in ("1D", "4D") or output != "W") and (dimensions != "1D" or output != "Position")
+}
+
+
+def test_voronoi_cells_agree(empty_scene: Any, record_property: Any) -> None:
+    assert_agreement(VORONOIS, STEEP, record_property)
