@@ -17,10 +17,11 @@ import raytracer
 
 from .. import versions
 from .camera import extract_camera
-from .instances import Context, ObjectKey, place_parts, walk_instances, warn_missing
+from .instances import Context, ObjectKey, walk_instances, warn_missing
 from .kept import Changes, Kept, read_changes
 from .materials import MaterialTable
 from .mesh_table import MeshTable
+from .placing import place_parts
 from .warnings import Warning, WarningList
 from .world import extract_world
 

@@ -1,0 +1,93 @@
+"""Parts and their places as records of the scene, in world space: instances, spheres, lights.
+
+Imports raytracer and this package.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+import raytracer
+
+from .instances import ObjectKey, Part, Placements
+from .lights import extract_light
+from .linking import make_link_sets
+from .warnings import WarningList
+
+# Rounding that a product of float32 matrices may leave between axes of equal length: a few parts in 2^24.
+UNIFORM_SCALE_TOLERANCE = 64 * float(np.finfo(np.float32).eps)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres."""
+
+    instances: raytracer.Instances
+    spheres: tuple[raytracer.Spheres, ...]
+    lights: tuple[raytracer.scene.Light, ...]
+    objects: tuple[ObjectKey, ...]
+
+
+def place_parts(placements: Placements, warnings: WarningList, with_info: bool = False) -> Placed:
+    """Return instances, spheres and lights in world space; those with a matrix that is not finite are left out.
+
+    with_info : True where a material reads the random number or the color of its object
+    """
+    matrices = np.array(placements.world_from_object).reshape(-1, 4, 4)  # (i, 4, 4)
+    matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)  # as Cycles: a parent's inverse matrix may hold anything there
+    finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
+    links = make_link_sets(placements.links, warnings)
+    meshes: list[int] = []
+    spheres, lights, sphere_objects = [], [], []
+    for row, index in enumerate(placements.part):
+        part = placements.parts[index]
+        if not finite[row]:
+            warnings.add("its matrix is NaN or infinite: left out", part.object.name)
+        elif part.mesh is not None:
+            meshes.append(row)
+        elif part.points is not None:
+            spheres.append(replace(place_points(part, matrices[row], warnings), **vars(links[index])))
+            sphere_objects.append(part.object)
+        elif (light := extract_light(part.light, part.object.name, matrices[row], warnings)) is not None:
+            sets = links[index].receivers
+            lights.append(replace(light, seen_by=part.seen_by, shadow_catcher=part.shadow_catcher, receivers=sets))
+    parts = [placements.parts[placements.part[row]] for row in meshes]
+    instances = raytracer.Instances(
+        mesh=np.array([part.mesh for part in parts], dtype=np.int32),
+        world_from_object=matrices[np.asarray(meshes, dtype=np.intp)],
+        pass_index=np.array([part.pass_index for part in parts], dtype=np.int32),
+        holdout=np.array([part.holdout for part in parts], dtype=np.bool_),
+        shadow_catcher=np.array([part.shadow_catcher for part in parts], dtype=np.bool_),
+        seen_by=np.array([part.seen_by for part in parts], dtype=np.int32),
+        light_set=np.array([links[placements.part[row]].light_set for row in meshes], dtype=np.int32),
+        receivers=np.array([links[placements.part[row]].receivers for row in meshes], dtype=np.int64),
+        random=np.array([placements.random[row] for row in meshes]) if with_info else None,
+        color=np.array([part.color for part in parts]).reshape(-1, 4) if with_info else None,
+    )
+    objects = (*(part.object for part in parts), *sphere_objects)
+    return Placed(instances, tuple(spheres), tuple(lights), objects)
+
+
+def place_points(part: Part, world_from_object: NDArray[np.float64], warnings: WarningList) -> raytracer.Spheres:
+    """Return a point cloud as true spheres in world space.
+
+    Under non-uniform scale the points would be ellipsoids: they become spheres of the same volume, with a warning.
+    """
+    assert part.points is not None
+    axes = world_from_object[:3, :3]
+    scale = abs(np.linalg.det(axes)) ** (1 / 3)
+    if np.abs(axes.T @ axes - scale**2 * np.eye(3)).max() > UNIFORM_SCALE_TOLERANCE * scale**2:
+        warnings.add("scaled differently along its axes: its points are spheres of equal volume", part.object.name)
+    return raytracer.Spheres(
+        centres=part.points.centres @ axes.T + world_from_object[:3, 3],
+        radii=part.points.radii * scale,
+        material=part.material,
+        pass_index=part.pass_index,
+        holdout=part.holdout,
+        shadow_catcher=part.shadow_catcher,
+        seen_by=part.seen_by,
+        name=part.object.name,
+    )
