@@ -1,7 +1,7 @@
 """What differs between Blender 4.2 LTS and 5.2 LTS: the one module of the add-on that knows.
 
 Facts come from the bpy wheels 4.2, 4.5, 5.0, 5.1 and 5.2 and from Blender's release notes (Python API, 4.3 to 5.2).
-May import bpy only.
+May import bpy and NumPy only.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import bpy
+import numpy as np
+from numpy.typing import NDArray
 
 VERSION: tuple[int, int, int] = tuple(bpy.app.version)
 
@@ -134,6 +136,22 @@ def has_half_skies(version: tuple[int, ...] = VERSION) -> bool:
 def has_whole_cells(version: tuple[int, ...] = VERSION) -> bool:
     """Return True where Voronoi Texture hashes its cells as whole numbers: since 5.0."""
     return version >= (5, 0)
+
+
+# From CIE XYZ to linear Rec. 709: as rounded in IEC 61966-2-1, and of the primaries and the white (0.3127, 0.3290).
+RGB_FROM_XYZ = (
+    ((3.2404542, -1.5371385, -0.4985314), (-0.9692660, 1.8760108, 0.0415560), (0.0556434, -0.2040259, 1.0572252)),
+    (
+        (3.24096994, -1.53738318, -0.49861076),
+        (-0.96924364, 1.87596750, 0.04155506),
+        (0.05563008, -0.20397696, 1.05697151),
+    ),
+)
+
+
+def find_rgb_from_xyz(version: tuple[int, ...] = VERSION) -> NDArray[np.float64]:
+    """Return the matrix (3, 3) from XYZ to the scene's colors: since 5.0 without the standard's rounding."""
+    return np.array(RGB_FROM_XYZ[version >= (5, 0)])
 
 
 def read_light_bounces(light: Any) -> int | None:

@@ -34,11 +34,13 @@ def read_sky_settings(node: Any) -> dict[str, Any]:
     multiple = node.sky_type == "MULTIPLE_SCATTERING"
     half = versions.has_half_skies()
     table = tabulate_multiple(atmosphere) if multiple else tabulate_single(atmosphere, half)
-    pixels = np.pad(table, ((0, 0), (0, 0), (0, 1)), constant_values=1.0).astype(np.float32)
+    rgb_from_xyz = versions.find_rgb_from_xyz()
+    pixels = np.pad(table @ rgb_from_xyz.T, ((0, 0), (0, 0), (0, 1)), constant_values=1.0).astype(np.float32)
     size = max(node.sun_size, SMALLEST_SUN)
     solid_angle = 2.0 * math.pi * (1.0 - math.cos(size / 2))
     find_sun = find_multiple_sun if multiple else find_single_sun
-    bottom, top = (find_sun(atmosphere, elevation + side * size / 2, solid_angle) for side in (-1, 1))
+    sun = (find_sun(atmosphere, elevation + side * size / 2, solid_angle) for side in (-1, 1))
+    bottom, top = (rgb_from_xyz @ color for color in sun)
     return {
         "image": Image(pixels, "linear", "sky"),
         "elevation": elevation,

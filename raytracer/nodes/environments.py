@@ -16,7 +16,7 @@ import numpy as np
 from raytracer.atmosphere import fade_below
 from raytracer.directions import find_equirectangular
 from raytracer.frames import normalize
-from raytracer.lecture import dot, length
+from raytracer.lecture import length
 from raytracer.nodes.images import MAGENTA
 from raytracer.nodes.operation import Array, Operation, spread
 from raytracer.programs import Image
@@ -44,9 +44,6 @@ def read_environment(site: Site, vector: Any, *, image: Image | None, interpolat
     return sample_image(image, np.stack([u, v], axis=1), interpolation, "REPEAT")[:, :3]
 
 
-XYZ_TO_RGB = np.array(  # linear Rec. 709, IEC 61966-2-1
-    [(3.2404542, -1.5371385, -0.4985314), (-0.9692660, 1.8760108, 0.0415560), (0.0556434, -0.2040259, 1.0572252)]
-)
 LIMB_DARKENING = 0.6
 
 
@@ -63,10 +60,10 @@ def read_sky(
     horizon: float,
     ground: bool,
 ) -> Array:
-    """A clear sky, tabulated as XYZ in `image`, with the sun's disc.
+    """A clear sky, tabulated in `image`, with the sun's disc; colors that no mixture of red, green and blue is are cut.
 
     elevation, rotation, sun_size : radians, of the sun; size 0 has no disc
-    sun_bottom, sun_top : XYZ of the disc's lowest and highest points; horizon : radians, below it the disc is hidden
+    sun_bottom, sun_top : colors of the disc's lowest and highest points; horizon : radians, below it the disc is hidden
     ground : True where the table holds what lies below the horizon, and the sun shines through the sky, as since
         Blender 5.0; False fades what is below, and shows the sun instead of the sky, which the horizon cuts
     """
@@ -88,7 +85,7 @@ def read_sky(
         limb = 1.0 - LIMB_DARKENING * (1.0 - np.sqrt(1.0 - np.where(disc, away, 0.0) ** 2))
         disc_light = (sun_bottom + part * (np.asarray(sun_top) - sun_bottom)) * spread(limb)
         shown = np.where(spread(disc), disc_light + (shown if ground else 0.0), shown)
-    return np.maximum(dot(XYZ_TO_RGB, shown[:, np.newaxis]), 0.0)
+    return np.maximum(shown, 0.0)
 
 
 OPERATIONS = {
