@@ -36,6 +36,7 @@ from raytracer.scene import Scene
 from raytracer.settings import Settings
 from raytracer.stages import Integrator, light_is_on, prepare
 from raytracer.surface import make_surface, spawn_origin
+from raytracer.taming import GEOMETRY, LAMP
 from raytracer.traced_rays import CAMERA, EMITTERS, PASSED, REFLECTED, REFRACTED, WORLD, Hit, Shadow, TracedRay
 from raytracer.visibility import classify_rays, classify_shadows
 
@@ -227,13 +228,11 @@ def trace_shadows(inspector: Inspector, path: Paths, surface: Surface, shading: 
 
 
 def name_sources(inspector: Inspector) -> list[int | str]:
-    """Return what each of the integrator's sources is, as in `Shadow.source`."""
-    others = []
-    if inspector.integrator.emitters is not None and not inspector.integrator.emitters.is_empty:
-        others.append(EMITTERS)
-    if inspector.integrator.background is not None:
-        others.append(WORLD)
-    return [*inspector.lamps, *others]
+    """Return what each of the integrator's sources is, as in `Shadow.source`; the world may be sampled in two ways."""
+    lamps = iter(inspector.lamps)
+    names = {GEOMETRY: EMITTERS}
+    sources = inspector.integrator.sources
+    return [next(lamps) if source.kind == LAMP else names.get(source.kind, WORLD) for source in sources]
 
 
 def trace_shadow(integrator: Integrator, source: int | str, aimed: ShadowRays, casts: bool) -> Shadow:

@@ -9,6 +9,7 @@ from raytracer import Camera, Closure, Instances, Material, Mesh, PointLight, Sc
 from raytracer import inspect_ray as module
 from raytracer.inspect_ray import Inspector, make_inspector
 from raytracer.lecture import Region
+from raytracer.programs import Program, Register, Step
 from raytracer.render import render
 from raytracer.settings import Settings
 from raytracer.traced_rays import CAMERA, EMITTERS, PASSED, REFLECTED, REFRACTED, WORLD, TracedRay
@@ -177,6 +178,15 @@ def test_emissive_object_and_world_are_sources_by_name():
     (miss,) = look_at(scene).inspect_ray([90.0, 0.0, 1.0], [0.0, 0.0, 1.0])
     assert miss.hit is None
     np.testing.assert_allclose(miss.color, [0.1, 0.2, 0.3], rtol=4 * UNIT)
+
+
+def test_world_that_varies_is_a_source_for_each_way_in_which_it_is_sampled():
+    """From directions d comes max(d, 0): both samples of a floor that faces up end in the world."""
+    world = World(Register(0, "Position"), Program((Step("NEW_GEOMETRY Position"),)))
+    scene = make_scene(make_floor(), world=world, lights=[PointLight((0, 0, 4), 10.0)])
+    (ray,) = look_at(scene).inspect_ray([0.0, 0.0, 1.0], [0.0, 0.0, -1.0])
+    assert [shadow.source for shadow in ray.shadows] == [0, WORLD, WORLD]
+    assert all(shadow.blocker == -1 and shadow.light.any() for shadow in ray.shadows)
 
 
 def test_limits_cut_the_tree_and_say_so():
