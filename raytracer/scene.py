@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -339,16 +338,3 @@ class Scene:
     def instance_count(self) -> int:
         """Number of mesh instances; groups of spheres are numbered after them in `Hits.instance`."""
         return len(self.meshes) if self.instances is None else len(self.instances)
-
-    def save(self, path: str | Path) -> None:
-        """Write the scene as one .npz (see `scene_file.save`)."""
-        from raytracer import scene_file
-
-        scene_file.save(self, path)
-
-    @staticmethod
-    def load(path: str | Path) -> Scene:
-        """Read a scene from one .npz (see `scene_file.load`)."""
-        from raytracer import scene_file
-
-        return scene_file.load(path)

@@ -7,29 +7,41 @@ Imports raytracer and this package.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from raytracer.nodes import OPERATIONS
 from raytracer.nodes.ramps import TABLE_SIZE
+from raytracer.programs import Program
 
 from .. import versions
-from .images import is_associated
-from .nodes import Groups, find_link, find_socket
+from .images import ImageTable, is_associated
+from .nodes import Groups, Place, find_link, find_socket
 from .skies import read_sky_settings
-
-if TYPE_CHECKING:
-    from .programs import ProgramBuilder
 
 # The attributes that Blender's nodes read without naming them.
 DEFAULT_UV, DEFAULT_COLOR, GENERATED = "uv", "vertex_color", "generated"
 
 Settings = dict[str, Any]
-Reader = Callable[["ProgramBuilder", Any, Groups, str], Settings]
 
 
-def read_settings(builder: ProgramBuilder, node: Any, name: str, groups: Groups, output: str) -> Settings:
+class Builder(Protocol):
+    """What readers of settings ask of the builder of a program, `programs.ProgramBuilder`."""
+
+    place: Place
+    images: ImageTable
+    pass_index: int
+
+    def build_inner(self, socket: Any, groups: Groups) -> Program:
+        """Return a program of its own for the number that feeds a socket."""
+        ...
+
+
+Reader = Callable[[Builder, Any, Groups, str], Settings]
+
+
+def read_settings(builder: Builder, node: Any, name: str, groups: Groups, output: str) -> Settings:
     """Return the settings of the operation `name` for a node's output."""
     if name in READERS:
         return READERS[name](builder, node, groups, output)
@@ -41,7 +53,7 @@ def is_left_out(node: Any) -> bool:
     return node.type == "BUMP" and find_link(find_socket(node.inputs, "Height")) is None
 
 
-def read_attribute_name(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_attribute_name(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Attribute, Color Attribute, UV Map and Texture Coordinate: which attribute they read."""
     if getattr(node, "from_instancer", False):
         builder.place.warn(f"node '{node.name}': From Instancer is not supported, the object's own are used")
@@ -58,7 +70,7 @@ def read_attribute_name(builder: ProgramBuilder, node: Any, groups: Groups, outp
     return {"name": names[node.type]()}
 
 
-def read_object(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_object(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Texture Coordinate: the object whose space is meant; None is the one that is hit."""
     if node.object is None:
         return {"object_from_world": None}
@@ -68,7 +80,7 @@ def read_object(builder: ProgramBuilder, node: Any, groups: Groups, output: str)
     return {"object_from_world": np.linalg.inv(matrix)}
 
 
-def read_image_settings(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_image_settings(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Image Texture: the image, and how it is read."""
     return {
         "image": builder.images.find_image(node.image, node.name, builder.place),
@@ -81,7 +93,7 @@ def read_image_settings(builder: ProgramBuilder, node: Any, groups: Groups, outp
     }
 
 
-def read_environment_settings(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_environment_settings(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Environment Texture: the image, and how it is wrapped round the world."""
     return {
         "image": builder.images.find_image(node.image, node.name, builder.place),
@@ -90,14 +102,14 @@ def read_environment_settings(builder: ProgramBuilder, node: Any, groups: Groups
     }
 
 
-def read_ramp(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_ramp(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Color Ramp: what Blender itself evaluates, at even steps."""
     ramp = node.color_ramp
     table = np.array([ramp.evaluate(k / (TABLE_SIZE - 1)) for k in range(TABLE_SIZE)])  # (256, 4)
     return {"table": table, "interpolate": ramp.interpolation != "CONSTANT"}
 
 
-def read_curves(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_curves(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """RGB, Vector and Float Curves: what Blender itself evaluates, at even steps of the curves' whole range."""
     mapping = node.mapping
     mapping.initialize()
@@ -119,7 +131,7 @@ def read_curves(builder: ProgramBuilder, node: Any, groups: Groups, output: str)
     }
 
 
-def read_normal_map(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_normal_map(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Normal Map: Blender 5.2 also reads maps whose green points down (DirectX)."""
     return {
         "space": node.space,
@@ -128,22 +140,22 @@ def read_normal_map(builder: ProgramBuilder, node: Any, groups: Groups, output: 
     }
 
 
-def read_bump(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_bump(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Bump: the height is a program of its own, for it is run beside the point as well."""
     height = builder.build_inner(find_socket(node.inputs, "Height"), groups)
     return {"height": height, "invert": node.invert}
 
 
-def read_direction(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_direction(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Normal: the direction lies in the output socket."""
     return {"direction": np.array(node.outputs["Normal"].default_value[:3], dtype=np.float64)}
 
 
-def read_material_index(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_material_index(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     return {"pass_index": builder.pass_index}
 
 
-def read_occlusion(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_occlusion(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Ambient Occlusion: a constant distance of 0 stands for the world's own, which is not looked up."""
     distance = find_socket(node.inputs, "Distance")
     if find_link(distance) is None and distance.default_value == 0:
@@ -151,7 +163,7 @@ def read_occlusion(builder: ProgramBuilder, node: Any, groups: Groups, output: s
     return {name: getattr(node, name) for name in ("samples", "inside", "only_local")}
 
 
-def read_voronoi(builder: ProgramBuilder, node: Any, groups: Groups, output: str) -> Settings:
+def read_voronoi(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     names = ("feature", "distance", "normalize", "voronoi_dimensions")
     return {**{name: getattr(node, name) for name in names}, "whole": versions.has_whole_cells()}
 

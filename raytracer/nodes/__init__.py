@@ -61,8 +61,9 @@ def run_step(step: Step, site: Site | None, read: Any) -> tuple[Any, ...]:
     arguments = [read(value) for value in step.inputs]
     if operation.reads_site:
         arguments.insert(0, site)
+    settings = {**step.settings, "evaluate": evaluate_result} if operation.runs_programs else step.settings
     with np.errstate(over="ignore", divide="ignore", invalid="ignore", under="ignore"):
-        found = operation.compute(*arguments, **step.settings)
+        found = operation.compute(*arguments, **settings)
     return found if isinstance(found, tuple) else (found,)
 
 

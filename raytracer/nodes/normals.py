@@ -10,7 +10,7 @@ Blender, intern/cycles/kernel/svm/tex_coord.h (svm_node_normal_map, svm_node_tan
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -55,20 +55,26 @@ def _from_tangent_space(site: Site, local: Array, strength: Array, name: str) ->
 
 
 def bump(
-    site: Site, strength: Any, distance: Any, filter_width: Any, normal: Any, *, height: Program, invert: bool
+    site: Site,
+    strength: Any,
+    distance: Any,
+    filter_width: Any,
+    normal: Any,
+    *,
+    height: Program,
+    invert: bool,
+    evaluate: Callable[[Program, Site], Array],
 ) -> Array:
     """The normal of the surface raised by distance times the height, to first order (Mikkelsen).
 
-    The height's slope is a difference over `filter_width` pixels along two directions in the flat surface.
+    The height's slope is a difference over `filter_width` pixels along two directions in the flat surface; it is a
+    program, which `evaluate` runs at three places.
     """
-    # The package's own evaluation: a height is a program, run at three places.
-    from raytracer.nodes import evaluate_result
-
     count = len(site)
     along, across = _pixel_axes(site)
     width = spread(np.broadcast_to(np.asarray(filter_width, float), (count,)))
     centre, right, up = (
-        np.broadcast_to(evaluate_result(height, place), (count,))
+        np.broadcast_to(evaluate(height, place), (count,))
         for place in (site, site.shift(along * width), site.shift(across * width))
     )
     normal = np.broadcast_to(np.asarray(normal, float), (count, 3))
@@ -136,6 +142,7 @@ OPERATIONS = {
         ("Normal",),
         ("height", "invert"),
         reads_site=True,
+        runs_programs=True,
         links=_NORMAL,
     ),
     "TANGENT UV_MAP": Operation(

@@ -28,6 +28,7 @@ class Operation:
     inputs, outputs : identifiers of the node's sockets; an operation of several outputs returns them in order
     settings : names of the node's properties, or of what the add-on makes of them
     reads_site : False for a pure function, which is computed once where all its inputs are constant
+    runs_programs : True where a setting is a program; `compute` is then also given `evaluate`, which runs one at a site
     links : for an input that nothing is linked to, the operation that feeds it instead of the socket's own value
     attributes : the names of the mesh attributes read, from the settings
     choices : for settings that choose among functions, the values that there are
@@ -38,6 +39,7 @@ class Operation:
     outputs: tuple[str, ...] = ("Value",)
     settings: tuple[str, ...] = ()
     reads_site: bool = False
+    runs_programs: bool = False
     links: Mapping[str, str] = field(default_factory=dict)
     attributes: Callable[[Mapping[str, Any]], tuple[str, ...]] = read_no_attributes
     choices: Mapping[str, Collection[str]] = field(default_factory=dict)

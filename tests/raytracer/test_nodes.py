@@ -54,7 +54,7 @@ def test_every_operation_names_what_its_function_takes():
         positional = [item for item in parameters if item.kind in (item.POSITIONAL_ONLY, item.POSITIONAL_OR_KEYWORD)]
         keywords = {item.name for item in parameters if item.kind == item.KEYWORD_ONLY}
         assert len(positional) == len(operation.inputs) + operation.reads_site, name
-        assert keywords - {"parts"} == set(operation.settings), name
+        assert keywords - {"parts"} == {*operation.settings, *(["evaluate"] if operation.runs_programs else [])}, name
         assert set(operation.links) <= set(operation.inputs), name
         assert set(operation.choices) <= set(operation.settings), name
 
