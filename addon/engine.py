@@ -18,7 +18,8 @@ import raytracer
 from raytracer.workers import WorkerError
 
 from . import frames, statistics, viewport
-from .extract import Extraction, Warning, extract_scene
+from .extract import Extraction, extract_scene
+from .extract.warnings import Warning
 from .frames import Frames
 from .output import Border, RenderOutput, read_border
 from .passes import declare_passes, enabled_passes

@@ -14,7 +14,7 @@ from bpy.app.handlers import persistent
 
 import raytracer
 
-from .extract import Kept
+from .extract.kept import Kept
 
 # Any ray: what a caster builds when it is first asked, it builds for this one.
 RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))

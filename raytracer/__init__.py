@@ -6,27 +6,18 @@ hits = caster.closest_hit(origins, directions)
 film = raytracer.render(scene, width, height, samples)
 """
 
-from raytracer.accelerate import Caster, build
+from raytracer.accelerate.caster import Caster, build
+from raytracer.camera_record import Camera
 from raytracer.film import Film
+from raytracer.light_records import AreaLight, PointLight, SpotLight, SunLight, World
+from raytracer.material_records import Closure, Material
 from raytracer.programs import Image, Program, Register, Step
 from raytracer.rays import Hits, Rays
 from raytracer.render import render
-from raytracer.scene import (
-    AreaLight,
-    Camera,
-    Closure,
-    Instances,
-    Material,
-    Mesh,
-    PointLight,
-    Scene,
-    Spheres,
-    SpotLight,
-    SunLight,
-    World,
-)
+from raytracer.scene import Scene
 from raytracer.scene_file import load, save
 from raytracer.settings import Settings
+from raytracer.shapes import Instances, Mesh, Spheres
 from raytracer.workers import WorkerError, Workers
 
 __all__ = [

@@ -12,6 +12,7 @@ import numpy as np
 
 from raytracer.frames import normalize
 from raytracer.lecture import dot, intersect_plane, length, point_on_line
+from raytracer.light_records import AreaLight
 from raytracer.light_shapes import (
     LightHits,
     LightSamples,
@@ -21,9 +22,8 @@ from raytracer.light_shapes import (
     sample_rectangle,
     without_extent,
 )
-from raytracer.rays import Booleans, Floats
-from raytracer.sampling import sample_disk
-from raytracer.scene import AreaLight
+from raytracer.types import Booleans, Floats
+from raytracer.warps import sample_disk
 
 
 def area_of(light: AreaLight) -> float:

@@ -33,11 +33,14 @@ from raytracer.atmosphere_data import (
     RAYLEIGH_SCATTERING,
     SUN_IRRADIANCE,
 )
+from raytracer.types import Floats
 
-Floats = NDArray[np.float64]
 Numbers = NDArray[np.float64] | np.float64
 
+
 TABLE_WIDTH, TABLE_HEIGHT = 512, 256
+
+
 DEGREES_OF_FREEDOM = 8  # of the quadrature of optical depth
 
 
@@ -71,10 +74,20 @@ def place_rays(elevation: Numbers, azimuth: Numbers) -> Floats:
 # Single scattering, 21 wavelengths from 380 to 780 nm ----------------------------------------------------------------
 
 STEP_OF_WAVELENGTH = 20.0
+
+
 EARTH, TOP = 6360e3, 6420e3  # metres
+
+
 RAYLEIGH_HEIGHT, MIE_HEIGHT = 8e3, 1.2e3
+
+
 MIE_SCATTERING, MIE_EXTINCTION, MIE_ANISOTROPY = 2e-5, 1.11 * 2e-5, 0.76
+
+
 SINGLE_STEPS = 32
+
+
 # Light from this far up is lost; the last node of the quadrature stays within the atmosphere.
 LAGUERRE_END = 25.0
 
@@ -180,14 +193,26 @@ def find_single_sun(atmosphere: Atmosphere, elevation: float, solid_angle: float
 # Multiple scattering, 4 wavelengths ----------------------------------------------------------------------------------
 
 GLOBE, THICKNESS = 6371.0, 100.0  # kilometres
+
+
 HAZE_ANISOTROPY, GROUND_ALBEDO = 0.8, 0.3
+
+
 MARCHED_STEPS = 64
+
+
 SUN_COLUMNS, SUN_ROWS = 256, 64
+
+
 # A fit of the light that comes from other points of the atmosphere.
 ELSEWHERE = 0.02 * np.array([0.217, 0.347, 0.594, 1.0])
+
+
 # Per kilometre, as in the model: keeps (1 - exp(-e s)) / e defined in empty air. The longest way through the shell has
 # 2 sqrt(2 GLOBE THICKNESS) = 2260 km, over which so little takes 0.02% of the light at most.
 SMALLEST_EXTINCTION = 1e-7
+
+
 # Kilometres, as in the model: keeps the logarithm of a height defined. The fit's ozone below it is exp(-840), nothing.
 LOWEST_HEIGHT = 1e-4
 

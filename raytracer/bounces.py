@@ -14,32 +14,15 @@ J. Arvo, D. Kirk, "Particle Transport and Image Synthesis", SIGGRAPH 1990: Russi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from raytracer.rays import Booleans, Floats
+from raytracer.bounce_kinds import COUNTED, DIFFUSE, STRAIGHT, TRANSMITTED
+from raytracer.records import SEEN_BY
 from raytracer.rows import sum_columns
 from raytracer.settings import Settings
-
-Kinds = NDArray[np.uint8]
-Counts = NDArray[np.int32]
-
-# The bits of a kind. A reflection lacks TRANSMITTED, and is DIFFUSE or GLOSSY; what is SINGULAR is GLOSSY as well.
-STRAIGHT, DIFFUSE, GLOSSY, SINGULAR, TRANSMITTED = 0, 1, 2, 4, 8
-# Counts (n, 3) of bounces: diffuse reflections, glossy reflections, transmissions of any kind.
-COUNTED = ("diffuse", "glossy", "transmission")
-# The column of each kind.
-COLUMN_OF_KIND = np.array([2 if kind & TRANSMITTED else 0 if kind & DIFFUSE else 1 for kind in range(16)])
+from raytracer.types import Booleans, Counts, Floats, Kinds, Masks
 
 # So many bounces of a path are not left to chance.
 CERTAIN_BOUNCES = 1
-
-
-def count_bounces(counts: Counts, kind: Kinds) -> Counts:
-    """Return the counts (n, 3) of paths after a bounce of each `kind` (n,); straight passages count nowhere."""
-    counts = counts.copy()
-    rows = np.flatnonzero(kind)
-    counts[rows, COLUMN_OF_KIND[kind[rows]]] += 1
-    return counts
 
 
 def find_ended(counts: Counts, settings: Settings) -> Booleans:
@@ -59,17 +42,17 @@ def survival_probability(throughput: Floats) -> Floats:
     return np.minimum(np.sqrt(np.maximum(np.maximum(red, green), blue)), 1.0)
 
 
-def describe_kinds(kind: Kinds, counts: Counts) -> dict[str, Floats]:
-    """Return what the Light Path node tells of rays of each `kind` (n,), as 0 or 1, and depths; all (n,) float64."""
-    transmitted = (kind & TRANSMITTED) > 0
-    flags = {
-        "camera": kind == STRAIGHT,
-        "diffuse": (kind & DIFFUSE) > 0,
-        "glossy": (kind & GLOSSY) > 0,
-        "singular": (kind & SINGULAR) > 0,
-        "reflection": (kind != STRAIGHT) & ~transmitted,
-        "transmission": transmitted,
-        "depth": sum_columns(counts),
-        **{f"{name}_depth": counts[:, column] for column, name in enumerate(COUNTED)},
-    }
-    return {name: values.astype(np.float64) for name, values in flags.items()}
+def _class_of_kind(kind: int) -> int:
+    if kind == STRAIGHT:
+        return SEEN_BY["camera"]
+    if kind & TRANSMITTED:
+        return SEEN_BY["transmission"]
+    return SEEN_BY["diffuse" if kind & DIFFUSE else "glossy"]
+
+
+CLASS_OF_KIND = np.array([_class_of_kind(kind) for kind in range(16)], dtype=np.uint8)
+
+
+def classify_rays(kind: Kinds) -> Masks:
+    """Return the class (n,), a bit of SEEN_BY, of rays whose last bounce was of a `kind` (n,)."""
+    return CLASS_OF_KIND[kind]

@@ -13,14 +13,12 @@ Camera space is Blender's: x right, y up, looking along -z. Imports `lecture`, `
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from raytracer.camera_record import Camera
 from raytracer.lecture import line_through
 from raytracer.rays import Rays
-from raytracer.sampling import sample_disk
-from raytracer.scene import Camera
-
-Floats = NDArray[np.float64]
+from raytracer.types import Floats
+from raytracer.warps import sample_disk
 
 FILM_DEPTH = 1.0  # metres from the eye to the film plane: makes t the depth
 

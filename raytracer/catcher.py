@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.contributions import see_background
-from raytracer.film import CAUGHT
+from raytracer.passes import CAUGHT
 from raytracer.paths import Caught, Paths, Record, start_record
 from raytracer.rays import Hits, Rays
 from raytracer.rows import mean_column

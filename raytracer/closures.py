@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from raytracer.diffuse_shapes import DiffuseShape
 from raytracer.frames import normalize
 from raytracer.lecture import dot
-from raytracer.material_records import CLOSURE_VECTORS
+from raytracer.material_records import CLOSURE_COLORS, CLOSURE_VECTORS, Closure
 from raytracer.microfacet import Microfacets, tilt_to_reflect
 from raytracer.programs import Register
-from raytracer.rays import Floats
 from raytracer.rows import mean_column, take_rows
-from raytracer.scene import CLOSURE_COLORS, Closure
+from raytracer.types import Floats
 
 Rows = NDArray[np.int64]
 

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.material_records import CLOSURE_VECTORS
+from raytracer.material_records import CLOSURE_COLORS, CLOSURE_RANGES, CLOSURE_VECTORS, Closure
 from raytracer.nodes import evaluate, find_needed, list_attributes
 from raytracer.programs import Program, Register, Value
-from raytracer.rays import Floats, Surface
-from raytracer.scene import CLOSURE_COLORS, CLOSURE_RANGES, Closure, Scene
+from raytracer.scene import Scene
 from raytracer.site_tables import SiteTables
 from raytracer.sites import LightPath, Site, measure_footprint
+from raytracer.surface import Surface
+from raytracer.types import Floats
 
 # What each kind of closure shines with and lets through depends on; `materials` sums it.
 RADIANCE_FIELDS = {"principled": ("weight", "alpha", "emission"), "emission": ("weight", "color")}

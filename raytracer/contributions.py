@@ -9,23 +9,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from raytracer.bounces import describe_kinds
+from raytracer.bounce_kinds import describe_kinds
+from raytracer.bounces import classify_rays
 from raytracer.closures import Shading
 from raytracer.emitters import emitter_density
 from raytracer.environment import Environment, environment_density, find_environment
 from raytracer.lecture import length
+from raytracer.light_records import Light
 from raytracer.lights import evaluate_light
 from raytracer.paths import Paths, Record
 from raytracer.probes import Probe
-from raytracer.rays import Floats, Hits, Surface
+from raytracer.rays import Hits
 from raytracer.rows import mean_column
-from raytracer.sampling import Sampler
-from raytracer.scatter import power_heuristic
-from raytracer.scene import Light
+from raytracer.sampler import Sampler
 from raytracer.sites import LightPath
 from raytracer.stages import Integrator
+from raytracer.surface import Surface
 from raytracer.taming import clamp_met
-from raytracer.visibility import classify_rays
+from raytracer.types import Floats
+from raytracer.warps import power_heuristic
 
 # Cycles' default: Normal, UV, Depth and so on belong to the first surface at least this opaque.
 OPAQUE_ENOUGH = 0.5

@@ -26,8 +26,8 @@ import numpy as np
 from raytracer.frames import normalize
 from raytracer.lecture import dot
 from raytracer.microfacet_albedo import read_plane
-from raytracer.rays import Floats
 from raytracer.sheen_table import sheen_table
+from raytracer.types import Floats
 
 # Cycles' limits of parameters (bsdf_sheen.h, bsdf_ashikhmin_velvet.h, bsdf_toon.h), which are part of the shapes: the
 # table of sheen starts at the first, and at 0 velvet would divide by its width, toon have no lit angle.

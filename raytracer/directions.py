@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from raytracer.types import Floats
 
 
 def find_equirectangular(directions: Floats) -> tuple[Floats, Floats]:

@@ -12,18 +12,25 @@ Exact only without overflow and underflow: see `LARGEST` and `SMALLEST_PERMANENT
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from raytracer.types import Floats
+
 Pair = tuple[Floats, Floats]
 
+
 PRODUCT_BOUND = 8 * 2.0**-106
+
+
 SUM_BOUND = 4 * 2.0**-106
+
 
 # Inputs up to LARGEST keep three-factor products clear of overflow; a term that underflows is then off by less than
 # 2^-1074 LARGEST, negligible beside 2^-106 of a permanent above SMALLEST_PERMANENT.
 LARGEST = 2.0**200
+
+
 SMALLEST_PERMANENT = 2.0**-700
+
 
 _SPLITTER = 2.0**27 + 1
 

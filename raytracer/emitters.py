@@ -24,9 +24,11 @@ from raytracer.light_shapes import (
     sample_sphere_directions,
     sphere_density,
 )
-from raytracer.rays import Floats, Hits, Integers, Rays, Surface
+from raytracer.rays import Hits, Rays
 from raytracer.rows import any_column, mean_column, take_rows
-from raytracer.surface import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate, make_surface
+from raytracer.surface import Surface, make_surface
+from raytracer.surface_tables import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate
+from raytracer.types import Floats, Integers
 
 # Emitters seen closer to edge-on than this light nothing that a float64 could tell from 0; keeps their distance finite.
 SMALLEST_COSINE = 2.0**-26

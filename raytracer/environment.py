@@ -25,17 +25,21 @@ from typing import Any
 import numpy as np
 
 from raytracer.accelerate.geometry import pack_geometry
+from raytracer.camera_record import Camera
 from raytracer.directions import DirectionMap, make_direction_map, map_density, place_equirectangular, sample_map
 from raytracer.frames import normalize, to_world
 from raytracer.lecture import dot
+from raytracer.light_records import World
 from raytracer.nodes import evaluate, find_needed, list_attributes, list_steps
 from raytracer.programs import Image, Program, Register
-from raytracer.rays import Floats, Surface
-from raytracer.sampling import sample_cosine_hemisphere
-from raytracer.scene import Camera, Scene, Spheres, World
+from raytracer.scene import Scene
+from raytracer.shapes import Spheres
 from raytracer.site_tables import SiteTables, make_site_tables
 from raytracer.sites import LightPath, Site
-from raytracer.surface import make_surface_tables
+from raytracer.surface import Surface
+from raytracer.surface_tables import make_surface_tables
+from raytracer.types import Floats
+from raytracer.warps import sample_cosine_hemisphere
 
 # Unit directions (n, 3) to the world from points with shading normals (n, 3), for uniform numbers (n, 2).
 Way = Callable[[Floats, Floats], Floats]

@@ -21,7 +21,7 @@ import numpy as np
 
 from raytracer.frames import make_frame, normalize
 from raytracer.lecture import cross, dot
-from raytracer.rays import Floats
+from raytracer.types import Floats
 
 # Walter's fit of Beckmann's shadowing holds below this 1 / (alpha tan); above it there is none.
 LARGEST_BECKMANN_SLOPE = 1.6

@@ -10,10 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from raytracer.light_records import AreaLight, PointLight, SpotLight, SunLight, World
+from raytracer.material_records import Closure
 from raytracer.nodes import casts_rays, reads_light_path
 from raytracer.programs import Register
-from raytracer.records import ALL_SETS
-from raytracer.scene import SEEN_BY_ALL, AreaLight, Closure, PointLight, Scene, SpotLight, SunLight, World
+from raytracer.records import ALL_SETS, SEEN_BY_ALL
+from raytracer.scene import Scene
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
 SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from raytracer.lecture import dot, length
-from raytracer.rays import Floats
+from raytracer.types import Floats
 
 
 def normalize(vectors: Floats) -> Floats:

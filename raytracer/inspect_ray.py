@@ -15,30 +15,35 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from raytracer.accelerate import Caster
+from raytracer.accelerate.caster import Caster
 from raytracer.accelerate.geometry import world_corners
-from raytracer.bounces import GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED, find_ended
+from raytracer.bounce_kinds import GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
+from raytracer.bounces import classify_rays, find_ended
 from raytracer.camera import primary_rays
 from raytracer.closures import Shading
 from raytracer.contributions import add_background, add_emission, add_lamps, describe_path
-from raytracer.direct_light import LitPoints, ShadowRays, aim_at_lights, cast_shadows
+from raytracer.direct_light import aim_at_lights
 from raytracer.emitters import pick_emitters
 from raytracer.frames import reflect
+from raytracer.fresnel import refract
 from raytracer.integrate import find_closed
 from raytracer.lecture import Region, classify_barycentric, cross, dot, intersect_sphere, intersect_triangle, length
+from raytracer.light_sources import GEOMETRY, LAMP, LitPoints
 from raytracer.materials import find_transparency, make_shading
-from raytracer.microfacet import evaluate_fresnel, refract
+from raytracer.microfacet import evaluate_fresnel
 from raytracer.paths import Paths, advance, start_paths, start_record
-from raytracer.rays import Floats, Hits, Rays, Surface, make_rays
-from raytracer.sampling import PixelSamples, Sampler
+from raytracer.rays import Hits, Rays, make_rays
+from raytracer.sampler import Sampler
+from raytracer.sampling import PixelSamples
 from raytracer.scatter import Continuation
 from raytracer.scene import Scene
 from raytracer.settings import Settings
+from raytracer.shadow_rays import ShadowRays, cast_shadows
 from raytracer.stages import Integrator, light_is_on, prepare
-from raytracer.surface import make_surface, spawn_origin
-from raytracer.taming import GEOMETRY, LAMP
+from raytracer.surface import Surface, make_surface, spawn_origin
 from raytracer.traced_rays import CAMERA, EMITTERS, PASSED, REFLECTED, REFRACTED, WORLD, Hit, Shadow, TracedRay
-from raytracer.visibility import classify_rays, classify_shadows
+from raytracer.types import Floats
+from raytracer.visibility import classify_shadows
 
 # A tree has so many rays at most, and none that counts less in the picture: more, the eye could not tell apart.
 MOST_RAYS = 64

@@ -11,14 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from raytracer.bounces import (
-    CERTAIN_BOUNCES,
-    DIFFUSE,
-    STRAIGHT,
-    count_bounces,
-    find_ended,
-    survival_probability,
-)
+from raytracer.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
+from raytracer.bounces import CERTAIN_BOUNCES, classify_rays, find_ended, survival_probability
 from raytracer.catcher import find_split, finish_caught, note_split, start_catching
 from raytracer.closures import Shading
 from raytracer.contributions import (
@@ -31,17 +25,20 @@ from raytracer.contributions import (
     divide_shadow,
     finish_alpha,
 )
-from raytracer.direct_light import LitPoints, ShadowRays, aim_at_lights, cast_shadows
+from raytracer.direct_light import aim_at_lights
+from raytracer.light_sources import LitPoints
 from raytracer.materials import make_shading
 from raytracer.paths import Paths, Record, advance, join_paths, start_paths, start_record
-from raytracer.rays import Booleans, Floats, Hits, Rays, Surface
+from raytracer.rays import Hits, Rays
 from raytracer.rows import any_column, sum_columns
-from raytracer.sampling import PixelSamples, Sampler, share_samples
+from raytracer.sampler import Sampler, share_samples
+from raytracer.sampling import PixelSamples
 from raytracer.scatter import Continuation, option_probabilities, sample_continuation
+from raytracer.shadow_rays import ShadowRays, cast_shadows
 from raytracer.stages import CHOICE, FIRST_SOURCE, WAY, Integrator
-from raytracer.surface import make_surface
+from raytracer.surface import Surface, make_surface
 from raytracer.taming import blur_lobes, clamp, find_limits
-from raytracer.visibility import classify_rays
+from raytracer.types import Booleans, Floats
 
 # Paths shaded together; casts take whole waves.
 PART_SIZE = 1 << 15

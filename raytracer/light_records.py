@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.checks import require_choice
+from raytracer.programs import Program, Register, check_register
 from raytracer.records import (
     ALL_SETS,
     SEEN_BY,
@@ -147,3 +148,21 @@ class AreaLight:
 
 
 Light = PointLight | SpotLight | SunLight | AreaLight
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Radiance from every direction that hits nothing.
+
+    color : linear RGB, or a Register of `program`
+    program : Program, evaluated over directions, or None where the color is constant
+    """
+
+    color: Any = 0.0
+    program: Program | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.color, Register):
+            check_register(self.color, self.program, "World: color")
+        else:
+            set_color(self, "color", "World")

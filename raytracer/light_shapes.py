@@ -17,8 +17,8 @@ import numpy as np
 
 from raytracer.frames import normalize, to_world
 from raytracer.lecture import dot, intersect_sphere
-from raytracer.rays import Booleans, Floats
 from raytracer.rows import any_column
+from raytracer.types import Booleans, Floats
 
 # Below this solid angle a rectangle is sampled evenly on its area: its solid angle is a difference of angles of order 1
 # and would keep fewer than 40 bits, while cos / distance^2 hardly changes over so small a rectangle.

@@ -23,6 +23,7 @@ import numpy as np
 from raytracer.area_lights import area_of, evaluate_area, sample_area
 from raytracer.frames import normalize, to_world
 from raytracer.lecture import dot, intersect_plane, length, point_on_line
+from raytracer.light_records import AreaLight, Light, PointLight, SpotLight, SunLight
 from raytracer.light_shapes import (
     LightHits,
     LightSamples,
@@ -35,9 +36,8 @@ from raytracer.light_shapes import (
     sphere_density,
     without_extent,
 )
-from raytracer.rays import Booleans, Floats
-from raytracer.sampling import sample_disk
-from raytracer.scene import AreaLight, Light, PointLight, SpotLight, SunLight
+from raytracer.types import Booleans, Floats
+from raytracer.warps import sample_disk
 
 
 def sample_light(light: Light, positions: Floats, pair: Floats) -> LightSamples:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.rays import Booleans, Integers
+from raytracer.types import Booleans, Integers
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,11 +24,15 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate import Caster, build
+from raytracer.accelerate.caster import Caster, build
+from raytracer.camera_record import Camera
+from raytracer.light_records import PointLight
+from raytracer.material_records import Closure, Material
 from raytracer.progressive import COARSEST, Picture, Target, measure_part, refine
-from raytracer.scene import Camera, Closure, Material, Mesh, PointLight, Scene
+from raytracer.python import make_python_command, make_python_environment
+from raytracer.scene import Scene
+from raytracer.shapes import Mesh
 from raytracer.transfer import Parcel, Receiver, Sender
-from raytracer.workers import make_python_command, make_python_environment
 
 CHANNELS = 4
 # Pixels by which canvases grow: a region that is being resized needs a new one now and then only.

@@ -17,10 +17,11 @@ import numpy as np
 
 from raytracer.closures import Closures, Points
 from raytracer.facets import Stretch, make_stretch, rotate
-from raytracer.microfacet import CONSTANT, Microfacets, evaluate_fresnel
+from raytracer.fresnel import CONSTANT
+from raytracer.microfacet import Microfacets, evaluate_fresnel
 from raytracer.microfacet_albedo import compensate, read_glass, read_reflection
-from raytracer.rays import Floats
 from raytracer.rows import any_column, mean_column
+from raytracer.types import Floats
 
 # Cycles' limit: with a relative index of refraction this close to 1 light passes straight on, and the half vector of
 # refraction, eta i + o, is not defined.

@@ -13,7 +13,11 @@ import numpy as np
 
 from raytracer.checks import require_choice
 from raytracer.programs import Program, Register, check_register, make_value
-from raytracer.records import set_color, set_field, set_number
+from raytracer.records import (
+    set_color,
+    set_field,
+    set_number,
+)
 
 # The colours of a closure, its directions, and the range of each of its numbers.
 CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction")

@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 from raytracer.closures import Closures, Points, Shading, TiltedDiffuse, pack_closures
 from raytracer.computed import Columns, ComputedMaterials, Recipes, compute_columns, make_computed_materials
 from raytracer.frames import normalize
-from raytracer.material_records import CLOSURE_VECTORS
+from raytracer.material_records import CLOSURE_KINDS, CLOSURE_VECTORS, Closure
 from raytracer.microfacet import Microfacets
-from raytracer.rays import Booleans, Floats, Integers, Surface
 from raytracer.rows import any_column
 from raytracer.scattering import SCATTERING
-from raytracer.scene import CLOSURE_KINDS, Closure, Scene
+from raytracer.scene import Scene
 from raytracer.site_tables import SiteTables
 from raytracer.sites import LightPath, describe_shadow_rays
+from raytracer.surface import Surface
+from raytracer.types import Booleans, Floats, Integers
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,9 @@ import numpy as np
 
 from raytracer.facets import sample_visible_normals, shadowing
 from raytracer.frames import reflect
+from raytracer.fresnel import dielectric_reflectance, refract, schlick_share
 from raytracer.lecture import dot
-from raytracer.microfacet import dielectric_reflectance, refract, schlick_share
-from raytracer.rays import Floats
+from raytracer.types import Floats
 
 # Cycles' grids: sizes, and the end points that stand in for 0 and for an infinite index of refraction.
 REFLECTION_SIZE, GLASS_SIZE = 32, 16

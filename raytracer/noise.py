@@ -18,18 +18,24 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Words = NDArray[np.uint32]
+from raytracer.types import Floats, Words
 
 # The noise repeats after so many cells, in Blender, where float32 would run out of digits.
 PERIOD = 100000.0
+
+
 # What brings noise of 1, 2, 3 and 4 dimensions to the range from -1 to 1 (found by experiment for OSL).
 SCALES = (0.2500, 0.6616, 0.9820, 0.8344)
+
+
 LARGEST_WORD = float(2**32 - 1)
+
+
 # A hybrid multifractal stops where its weight falls below this.
 SMALLEST_WEIGHT = 0.001
+
+
 MOST_DETAIL = 15.0
 
 

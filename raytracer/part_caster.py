@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.accelerate import Caster, build
-from raytracer.rays import Booleans, Hits
-from raytracer.scene import Instances, Scene
+from raytracer.accelerate.caster import Caster, build
+from raytracer.rays import Hits
+from raytracer.scene import Scene
+from raytracer.shapes import Instances
+from raytracer.types import Booleans
 
 
 class PartCaster:

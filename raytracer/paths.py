@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.bounces import COUNTED, STRAIGHT, Counts, Kinds, count_bounces
+from raytracer.bounce_kinds import COUNTED, STRAIGHT, count_bounces
 from raytracer.closures import Shading
-from raytracer.film import PASSES
 from raytracer.lecture import length
-from raytracer.rays import Booleans, Floats, Hits, Rays, Surface, join_rays
+from raytracer.passes import PASSES
+from raytracer.rays import Hits, Rays, join_rays
 from raytracer.rows import take_rows
 from raytracer.scatter import Continuation
 from raytracer.settings import Settings
-from raytracer.surface import spawn_origin
+from raytracer.surface import Surface, spawn_origin
 from raytracer.taming import is_clamped
+from raytracer.types import Booleans, Counts, Floats, Kinds
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -14,12 +14,12 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from raytracer.types import Floats
 
 # The 4-term window of Harris.
 BLACKMAN_HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
+
 
 # The inverse is exact at so many quantiles and linear between them: at most 1/16384 of the samples are displaced.
 QUANTILES = 2**14

@@ -39,28 +39,26 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
-
-UNIT_ROUNDOFF = 2.0**-53
+from raytracer.rounding import UNIT_ROUNDOFF, gamma
+from raytracer.types import Booleans, Floats
 
 EDGE_BOUND = 16 * UNIT_ROUNDOFF
+
+
 DENOMINATOR_BOUND = 8 * UNIT_ROUNDOFF
+
+
 NUMERATOR_BOUND = 9 * UNIT_ROUNDOFF
+
 
 # What underflow can add: an operation is off by at most 2^-1075, and is then multiplied by at most one number of size
 # m or kept; the factor 2^5 counts the operations.
 UNDERFLOW = 2.0**-1070
 
+
 # A permanent below this may have lost terms to underflow (smallest normal 2^-1022, three factors, margin 2^60 / u).
 SMALLEST_PERMANENT = 2.0**-900
-
-
-def gamma(n: int, unit_roundoff: float = UNIT_ROUNDOFF) -> float:
-    """Return n u / (1 - n u), the relative error of n roundings in sequence (Higham 2002, lemma 3.1)."""
-    return n * unit_roundoff / (1 - n * unit_roundoff)
 
 
 def cross(p: Floats, q: Floats) -> Floats:

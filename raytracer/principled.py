@@ -16,21 +16,21 @@ import numpy as np
 from raytracer.closures import Closures, Points
 from raytracer.diffuse_shapes import make_rough_matte, make_sheen
 from raytracer.frames import normalize
-from raytracer.lecture import dot
-from raytracer.lobes import Facets, Grain, make_lobes, read_grain, stretch_grain
-from raytracer.microfacet import (
+from raytracer.fresnel import (
     DIELECTRIC,
     METAL,
-    Microfacets,
     metal_coefficient,
     metal_mean,
     normal_reflectance,
     schlick_share,
     transmitted_cosine,
 )
+from raytracer.lecture import dot
+from raytracer.lobes import Facets, Grain, make_lobes, read_grain, stretch_grain
+from raytracer.microfacet import Microfacets
 from raytracer.microfacet_albedo import mean_dielectric_reflectance, read_reflection, read_schlick_share
-from raytracer.rays import Floats
 from raytracer.rows import any_column, largest_column
+from raytracer.types import Floats
 
 # Cycles drops closures of a smaller weight.
 SMALLEST_WEIGHT = 1e-5

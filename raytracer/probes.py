@@ -19,10 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.frames import to_world
-from raytracer.rays import Booleans, Floats, Rays, Surface
-from raytracer.sampling import Sampler, sample_cosine_hemisphere
-from raytracer.surface import SurfaceTables, make_surface, spawn_origin
+from raytracer.rays import Rays
+from raytracer.sampler import Sampler
+from raytracer.surface import Surface, make_surface, spawn_origin
+from raytracer.surface_tables import SurfaceTables
+from raytracer.types import Booleans, Floats
 from raytracer.visibility import Cast, RayCaster, classify_shadows
+from raytracer.warps import sample_cosine_hemisphere
 
 Objects = NDArray[np.int32]
 # True (n,) where rays hit anything; given objects (n,), only what each hits of its own counts.

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate import Caster
+from raytracer.accelerate.caster import Caster
 from raytracer.camera import measure_fitted_side
+from raytracer.camera_record import Camera
 from raytracer.film import Film
 from raytracer.render import render
-from raytracer.scene import Camera, Scene
+from raytracer.scene import Scene
 from raytracer.settings import Border
 
 # Seconds until something is to be seen, if the last picture's pace can be held; the coarsest pixels for that.

@@ -11,15 +11,11 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from raytracer.checks import as_array
 from raytracer.rows import take_rows
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int32]
-Booleans = NDArray[np.bool_]
-
+from raytracer.types import Booleans, Floats, Integers
 
 Record = TypeVar("Record")
 
@@ -132,39 +128,3 @@ class Hits:
     def hit(self) -> Booleans:
         """(n,) bool, True where the ray hit something."""
         return self.primitive >= 0
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Surface:
-    """The surface at n hits (misses are left out beforehand); what a scene does not need is None.
-
-    position : (n, 3) float64, metres, world, on the surface to within `position_error`
-    position_error : (n,) float64, metres, bound on the distance of `position` from the exact surface point
-    geometric_normal : (n, 3) float64, unit, of the flat triangle or the sphere, as wound (not flipped to the ray)
-    shading_normal : (n, 3) float64, unit, interpolated; the same array as geometric_normal without smooth normals
-    outgoing : (n, 3) float64, unit, from the surface towards where the ray came from
-    front : (n,) bool, True where the ray arrived at the side that geometric_normal points to
-    material : (n,) int32, index into the scene's materials
-    instance, primitive : (n,) int32, as in Hits
-    uv : (n, 2) float64, NaN where there are none; None where the scene has no uvs or nothing reads them
-    barycentric : (n, 2) float64, as in Hits, or None where nothing reads it
-    """
-
-    position: Floats
-    position_error: Floats
-    geometric_normal: Floats
-    shading_normal: Floats
-    outgoing: Floats
-    front: Booleans
-    material: Integers
-    instance: Integers
-    primitive: Integers
-    uv: Floats | None = None
-    barycentric: Floats | None = None
-
-    def __len__(self) -> int:
-        return len(self.position)
-
-    def select(self, rows: Any) -> Surface:
-        """Return some of the points: index or boolean array."""
-        return _select_rows(self, rows)

@@ -14,19 +14,26 @@ from numpy.typing import NDArray
 
 from raytracer import double_double as dd
 from raytracer import predicates
-from raytracer.predicates import UNIT_ROUNDOFF
-
-Floats = NDArray[np.float64]
+from raytracer.rounding import UNIT_ROUNDOFF, gamma
+from raytracer.types import Floats
 
 # A term of T: difference exact, product 8, difference 4, product 8, two sums 4 each, in units of u^2; D and E have the
 # same.
 _DETERMINANT_BOUND = 32 * 2.0**-106
+
+
 # Exponent of the lowest bit of a float64; products whose bits all lie above it do not underflow.
 _LOWEST_BIT = -1074
+
+
 # Zero is a multiple of everything: more than any sum of three exponents needs.
 _UNIT_OF_ZERO = 1 << 12
+
+
 # What the lower halves of split factors leave to rounding, `correct_distance`.
 _HALVES_BOUND = 3 * 2.0**-26 * UNIT_ROUNDOFF
+
+
 # A bound wider than this many unit roundoffs of the distance, each between half an ulp and one, is worth a computation
 # in pairs.
 _WIDE = 3
@@ -116,7 +123,7 @@ def correct_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c:
     size = np.abs(denominator)
     room = size - denominator_error
     lengths = np.abs(residual)
-    reach = predicates.gamma(10) * lengths + _HALVES_BOUND * np.abs(start)
+    reach = gamma(10) * lengths + _HALVES_BOUND * np.abs(start)
     underflow = predicates.UNDERFLOW * (1 + (sizes + lengths).sum(axis=0))
     correction = predicates.dot(normal, residual) / denominator
     refined = t + correction
@@ -170,7 +177,7 @@ def sphere_distance(
     quadratic = predicates.dot(direction, direction)
     with np.errstate(all="ignore"):
         half_slope = predicates.dot(point[0], direction)
-        slope_error = predicates.gamma(8) * predicates.dot(sizes, np.abs(direction))
+        slope_error = gamma(8) * predicates.dot(sizes, np.abs(direction))
         slope = np.abs(half_slope) - slope_error
         step = -(value[0] + value[1]) / (2 * half_slope)
         refined = t + step

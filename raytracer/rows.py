@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
+from raytracer.types import Booleans, Floats
 
 
 def take_rows(values: NDArray[Any], rows: Any) -> NDArray[Any]:

@@ -26,15 +26,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.rows import sum_columns
-
-Floats = NDArray[np.float64]
-Words = NDArray[np.uint32]
-
-# Dimensions from here on belong to the sets of pixels that share samples.
-SHARED_DIMENSION = 2**31
+from raytracer.types import Floats, Words
 
 UNIT_PER_WORD = 2.0**-32  # all 32 bits fit a float64, so the result stays below 1
+
 
 # One shift and mask per level of the butterflies below: bits whose position lacks that power of two.
 _LEVELS = ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF))
@@ -83,72 +78,6 @@ class PixelSamples:
         key = _hash_pixels(self.pixel, dimension, self.seed)
         index = _reverse_bits(np.broadcast_to(np.asarray(self.sample, np.uint32), self.pixel.shape).copy())
         return key, _reverse_bits(_scramble_reversed(index, key))
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class SharedSamples:
-    """One sample of each of k sets of pixels, which n pixels share.
-
-    key : (n,) unsigned, the set's sample that each pixel takes, 0 <= key < k
-    of_sets : k PixelSamples, numbered by set
-    """
-
-    key: NDArray[np.unsignedinteger[Any]]
-    of_sets: PixelSamples
-
-    def select(self, index: Any) -> SharedSamples:
-        """Return what some of the pixels share: index or boolean array."""
-        return SharedSamples(self.key[index], self.of_sets)
-
-    def uniform(self, dimension: int) -> Floats:
-        """Return (k,) float64 in [0, 1), independent of every pixel's own."""
-        return self.of_sets.uniform(dimension + SHARED_DIMENSION)
-
-    def uniform_pair(self, dimension: int) -> Floats:
-        """Return (k, 2) float64 in [0, 1) x [0, 1), independent of every pixel's own."""
-        return self.of_sets.uniform_pair(dimension + SHARED_DIMENSION)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Sampler:
-    """Where n paths take their numbers from.
-
-    own : n PixelSamples
-    shared : what they share with others; None for nothing
-    dimension : the first of the numbered dimensions that are theirs to use; the methods count from there
-    """
-
-    own: PixelSamples
-    shared: SharedSamples | None
-    dimension: int
-
-    def select(self, index: Any) -> Sampler:
-        """Return the sampler of some of the paths: index or boolean array."""
-        return Sampler(self.own.select(index), self.shared and self.shared.select(index), self.dimension)
-
-    def skip(self, dimensions: int) -> Sampler:
-        """Return the sampler that begins so many dimensions later."""
-        return Sampler(self.own, self.shared, self.dimension + dimensions)
-
-    def uniform(self, dimension: int = 0) -> Floats:
-        """Return (n,) float64 in [0, 1), each path its own."""
-        return self.own.uniform(self.dimension + dimension)
-
-    def uniform_pair(self, dimension: int = 0) -> Floats:
-        """Return (n, 2) float64 in [0, 1) x [0, 1), each path its own."""
-        return self.own.uniform_pair(self.dimension + dimension)
-
-
-def share_samples(samples: PixelSamples) -> SharedSamples | None:
-    """Return what the pixels of each set share; None where they share nothing."""
-    if samples.group is None or not len(samples):
-        return None
-    sample = np.broadcast_to(np.asarray(samples.sample, np.uint32), samples.pixel.shape)
-    first, sets = sample.min(), np.uint32(samples.group.max()) + 1
-    key = (sample - first) * sets + samples.group
-    count = int(key.max()) + 1
-    number, group = np.divmod(np.arange(count, dtype=np.uint32), sets)
-    return SharedSamples(key.astype(np.min_scalar_type(count)), PixelSamples(group, number + first, samples.seed))
 
 
 def _first_coordinate(index: Words, key: Words) -> Words:
@@ -241,43 +170,3 @@ def _stream_numbers(dimension: int, seed: int) -> tuple[int, int]:
 
 def _to_unit(words: Words) -> Floats:
     return np.multiply(words, UNIT_PER_WORD, dtype=np.float64)
-
-
-def sample_disk(pair: Floats) -> Floats:
-    """Map the unit square to the unit disk by concentric squares: area is kept, neighbours stay neighbours.
-
-    With (a, b) = 2 (u, v) - 1, the coordinate of larger size is the radius and the ratio of the two is the angle within
-    its quarter, pi/4 * smaller/larger.
-
-    Parameters
-    ----------
-    pair : (n, 2) float64 in [0, 1)
-
-    Returns
-    -------
-    (n, 2) float64, x^2 + y^2 <= 1
-    """
-    a, b = 2.0 * pair[:, 0] - 1.0, 2.0 * pair[:, 1] - 1.0
-    flat = np.abs(a) > np.abs(b)
-    radius = np.where(flat, a, b)
-    other = np.where(flat, b, a)
-    # The centre itself has radius 0, where any angle will do.
-    angle = np.pi / 4 * np.divide(other, radius, out=np.zeros_like(radius), where=radius != 0)
-    along, across = radius * np.cos(angle), radius * np.sin(angle)
-    return np.stack([np.where(flat, along, across), np.where(flat, across, along)], axis=1)
-
-
-def sample_cosine_hemisphere(pair: Floats) -> Floats:
-    """Map the unit square to directions around +z with density z / pi (Malley's method: lift the disk).
-
-    Parameters
-    ----------
-    pair : (n, 2) float64 in [0, 1)
-
-    Returns
-    -------
-    (n, 3) float64, unit, z >= 0
-    """
-    disk = sample_disk(pair)
-    height = np.sqrt(np.maximum(0.0, 1.0 - sum_columns(disk * disk)))
-    return np.concatenate([disk, height[:, np.newaxis]], axis=1)

@@ -12,25 +12,20 @@ E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, cha
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.bounces import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED, Kinds
+from raytracer.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
 from raytracer.closures import Shading, TiltedDiffuse
 from raytracer.frames import to_world
 from raytracer.lecture import dot
-from raytracer.light_shapes import LightSamples
 from raytracer.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
-from raytracer.rays import Booleans, Floats
-from raytracer.records import SEEN_BY, SEEN_BY_ALL
 from raytracer.rows import any_column, mean_column, sum_columns, take_rows
-from raytracer.sampling import sample_cosine_hemisphere
+from raytracer.types import Booleans, Floats, Kinds
+from raytracer.warps import sample_cosine_hemisphere
 
-# The classes of rays that no surface reflects.
-UNREFLECTED = SEEN_BY["camera"] | SEEN_BY["shadow"]
 # The reciprocals of squared cosines stay finite, and so do their products.
 SMALLEST_SQUARE = 2.0**-500
 
@@ -131,51 +126,6 @@ def evaluate_options(shading: Shading, probabilities: Floats, incoming: Floats) 
         value += specular
         density += lobe_density
     return value, density
-
-
-def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples, seen_by: int = SEEN_BY_ALL) -> Floats:
-    """Return (n, 3) what each point of `shading` sends back of its sample of a light, in the share that reflected rays
-    leave to light sampling.
-
-    seen_by : bits of SEEN_BY, the ways in which the light is reflected
-    """
-    if (seen_by | UNREFLECTED) != SEEN_BY_ALL:
-        shading, probabilities = _leave_out_hidden(shading, probabilities, seen_by)
-    if follows_diffuse(shading, probabilities):
-        value, density = evaluate_options(shading, probabilities, light.direction)
-        value *= power_heuristic(light.density, density)[:, np.newaxis]
-    else:
-        value = evaluate_diffuse(shading, light.direction)
-        if shading.lobes:
-            specular, density = evaluate_lobes(shading, probabilities, light.direction)
-            value += specular * power_heuristic(light.density, density)[:, np.newaxis]
-    value *= light.weight
-    return value
-
-
-def _leave_out_hidden(shading: Shading, probabilities: Floats, seen_by: int) -> tuple[Shading, Floats]:
-    """Return only the parts that belong to the classes of rays in `seen_by`, and how often they are taken.
-
-    A part that both reflects and transmits goes only where neither is left, as in Cycles.
-    """
-    probabilities, first = probabilities.copy(), 1 + len(shading.lobes)
-    kept = []
-    for column, lobes in enumerate(shading.lobes, start=1):
-        glossy = any_column(lobes.reflection > 0) & bool(seen_by & SEEN_BY["glossy"])
-        through = any_column(lobes.transmission > 0) & bool(seen_by & SEEN_BY["transmission"])
-        kept.append(lobes.select(np.flatnonzero(glossy | through)))
-        probabilities[lobes.hit[~(glossy | through)], column] = 0.0
-    diffuse, tilted = shading.diffuse, []
-    if not seen_by & SEEN_BY["diffuse"]:
-        diffuse = np.zeros_like(diffuse)
-        probabilities[:, first : first + 1] = 0.0
-    for column, part in enumerate(shading.tilted, start=first + 1):
-        if not seen_by & SEEN_BY["transmission" if part.transmits else "diffuse"]:
-            part = dataclasses.replace(part, albedo=np.zeros_like(part.albedo))
-            probabilities[:, column : column + 1] = 0.0
-        tilted.append(part)
-    shading = dataclasses.replace(shading, lobes=tuple(kept), diffuse=diffuse, tilted=tuple(tilted))
-    return shading, probabilities
 
 
 def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats) -> Floats:
@@ -288,12 +238,3 @@ def _choose_option(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.in
     lower = upper[rows, option] - width
     rest = np.divide(at - lower, width, out=np.zeros_like(choice), where=width > 0)
     return option, np.clip(rest, 0.0, np.nextafter(1.0, 0.0))
-
-
-def power_heuristic(density: Floats, other: Floats) -> Floats:
-    """Return p^2 / (p^2 + q^2) of two densities (n,): the weight of a sample that both could have taken.
-
-    1 where p is infinite (no other way leads there) or q is 0; 0 where p is 0.
-    """
-    ratio = np.divide(other, density, out=np.full(np.shape(density), np.inf), where=density > 0)
-    return np.where(np.isinf(density), 1.0, 1.0 / (1.0 + ratio * ratio))

@@ -18,21 +18,21 @@ import numpy as np
 from raytracer.closures import Closures, Points
 from raytracer.diffuse_shapes import Toon, Velvet, make_sheen
 from raytracer.frames import reflect
-from raytracer.lobes import Facets, make_lobes, read_grain, split_distributions, stretch_grain
-from raytracer.microfacet import (
+from raytracer.fresnel import (
     CONDUCTOR,
     CONSTANT,
     DIELECTRIC,
     METAL,
-    Microfacets,
     conductor_reflectance,
     metal_coefficient,
     metal_mean,
     metal_slope,
     normal_reflectance,
 )
+from raytracer.lobes import Facets, make_lobes, read_grain, split_distributions, stretch_grain
+from raytracer.microfacet import Microfacets
 from raytracer.principled import add_matte, add_principled
-from raytracer.rays import Floats
+from raytracer.types import Floats
 
 Lobes = list[Microfacets]
 

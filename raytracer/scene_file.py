@@ -15,21 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.camera_record import Camera
+from raytracer.light_records import AreaLight, PointLight, SpotLight, SunLight, World
+from raytracer.material_records import Closure, Material
 from raytracer.programs import Image, Program, Register, Step
-from raytracer.scene import (
-    AreaLight,
-    Camera,
-    Closure,
-    Instances,
-    Material,
-    Mesh,
-    PointLight,
-    Scene,
-    Spheres,
-    SpotLight,
-    SunLight,
-    World,
-)
+from raytracer.scene import Scene
+from raytracer.shapes import Instances, Mesh, Spheres
 
 FILE_FORMAT = "reference-raytracer-scene-1"
 

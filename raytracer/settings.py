@@ -9,9 +9,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from raytracer.accelerate.primitives import PRECISIONS
 from raytracer.checks import require_choice
-from raytracer.film import PASSES
+from raytracer.passes import PASSES
+from raytracer.rounding import PRECISIONS
 
 Border = tuple[int, int, int, int]
 

@@ -25,11 +25,13 @@ import numpy as np
 
 from raytracer.area_lights import unit_axes
 from raytracer.lecture import dot, length
+from raytracer.light_records import AreaLight, Light, SunLight
 from raytracer.light_shapes import LightSamples, divide_rows
 from raytracer.lights import evaluate_light, has_extent, sample_light
-from raytracer.rays import Booleans, Floats
-from raytracer.sampling import SharedSamples, sample_disk
-from raytracer.scene import AreaLight, Light, Scene, SunLight
+from raytracer.sampler import SharedSamples
+from raytracer.scene import Scene
+from raytracer.types import Booleans, Floats
+from raytracer.warps import sample_disk
 
 # A view from the light costs about as much for a triangle as the tree does for this many rays.
 RAYS_PER_TRIANGLE = 0.1

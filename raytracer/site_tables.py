@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate.geometry import Geometry
 from raytracer.camera import find_on_film
-from raytracer.rays import Booleans, Floats
-from raytracer.scene import Camera, Scene
-from raytracer.surface import CornerTable, SurfaceTables, pack_corners
+from raytracer.camera_record import Camera
+from raytracer.scene import Scene
+from raytracer.surface_tables import CornerTable, SurfaceTables, pack_corners
 from raytracer.tangents import make_tangents
+from raytracer.types import Booleans, Floats
 
 # What the names of tangents begin with; the coordinates they are for follow.
 TANGENT = "tangent "

@@ -17,9 +17,10 @@ from raytracer.camera import find_on_film
 from raytracer.frames import normalize
 from raytracer.lecture import cross, dot
 from raytracer.probes import Probe
-from raytracer.rays import Booleans, Floats, Surface
 from raytracer.site_tables import TANGENT, SiteTables, View
-from raytracer.surface import gather_corners
+from raytracer.surface import Surface
+from raytracer.surface_tables import gather_corners
+from raytracer.types import Booleans, Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,33 +14,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate import Caster
+from raytracer.accelerate.caster import Caster
 from raytracer.computed import list_scene_attributes
-from raytracer.direct_light import (
-    LightSource,
-    Visibility,
-    emitter_source,
-    lamp_source,
-    leave_out,
-    opaque_visibility,
-    set_chances,
-    transparent_visibility,
-    world_sources,
-)
 from raytracer.emitters import Emitters, make_emitters
 from raytracer.environment import Environment, make_environment
 from raytracer.features import Features, derive_features
+from raytracer.light_records import Light
+from raytracer.light_sources import LightSource, emitter_source, lamp_source, leave_out, set_chances, world_sources
 from raytracer.lights import has_extent
 from raytracer.linking import LightLinks
 from raytracer.materials import MaterialTable, find_radiance, make_material_table
 from raytracer.part_caster import PartCaster
 from raytracer.probes import Block, make_block
-from raytracer.rays import Booleans
 from raytracer.records import ALL_SETS, SEEN_BY, SEEN_BY_ALL
-from raytracer.scene import Light, Scene
+from raytracer.scene import Scene
 from raytracer.settings import Settings
+from raytracer.shadow_rays import Visibility, opaque_visibility, transparent_visibility
 from raytracer.site_tables import make_site_tables
-from raytracer.surface import SurfaceTables, make_surface_tables
+from raytracer.surface_tables import SurfaceTables, make_surface_tables
+from raytracer.types import Booleans
 from raytracer.visibility import Cast, RayCaster, make_cast
 
 # Passes that need light; the others are known at the first surface.

@@ -16,18 +16,17 @@ import dataclasses
 
 import numpy as np
 
-from raytracer.bounces import Counts
 from raytracer.closures import Shading
 from raytracer.facets import Stretch
 from raytracer.microfacet import Microfacets
-from raytracer.rays import Floats
 from raytracer.rows import sum_columns
 from raytracer.settings import Settings
+from raytracer.types import Counts, Floats
 
 # The limits are means of the three channels; sums are compared.
 CHANNELS = 3
-# What is chosen from: lamps, of which a world that varies is one, and all that shines; nobody chooses an even world.
-LAMP, WORLD, GEOMETRY, OTHER = range(4)
+
+
 # What a path sees is blurred to this roughness (alpha) at most.
 LARGEST_BLUR = 0.5
 
@@ -49,13 +48,6 @@ def _list_limits(settings: Settings) -> tuple[float, float]:
 def is_clamped(settings: Settings) -> bool:
     """True where any light has a limit."""
     return any(limit > 0 for limit in _list_limits(settings))
-
-
-def find_chances(lamps: int, geometry: bool) -> dict[int, float]:
-    """Return the chances with which one of so many lamps is chosen, and shining geometry: a half for either kind, where
-    there are both."""
-    every = 0.5 if lamps and geometry else 1.0
-    return {LAMP: every / max(lamps, 1), WORLD: every / max(lamps, 1), GEOMETRY: every}
 
 
 def clamp(light: Floats, limit: Floats) -> Floats:

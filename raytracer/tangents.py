@@ -14,8 +14,8 @@ import numpy as np
 
 from raytracer.frames import normalize
 from raytracer.lecture import cross, dot
-from raytracer.rays import Floats
-from raytracer.scene import Mesh
+from raytracer.shapes import Mesh
+from raytracer.types import Floats
 
 
 def make_tangents(mesh: Mesh, uvs: Floats) -> Floats:

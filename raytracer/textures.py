@@ -17,11 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.programs import Image
+from raytracer.types import Floats
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+
 EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
+
+
 # Coordinates further out than this are all the same beyond a border; keeps the numbers of pixels within 64 bits.
 FARTHEST = 2.0**40
 

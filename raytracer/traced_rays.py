@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from raytracer.lecture import Region
-from raytracer.rays import Floats
+from raytracer.types import Floats
 
 CAMERA, REFLECTED, REFRACTED, PASSED = "camera", "reflected", "refracted", "passed"
 EMITTERS, WORLD = "emitters", "world"

@@ -16,16 +16,15 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from raytracer.bounces import DIFFUSE, STRAIGHT, TRANSMITTED, Kinds
-from raytracer.rays import Booleans, Floats, Hits, Rays
+from raytracer.rays import Hits, Rays
 from raytracer.records import SEEN_BY
+from raytracer.types import Booleans, Floats, Masks
 
 # A step past a hit is longer than this many roundings of its distance, where no bound on its error is known.
 ROUNDINGS = 8.0
 
-Masks = NDArray[np.uint8]
+
 # Closest hits of n rays that belong to the (n,) classes of rays, as bits of SEEN_BY.
 Cast = Callable[[Rays, Masks], Hits]
 
@@ -39,22 +38,6 @@ class RayCaster(Protocol):
     def closest_hit(self, *arguments: Any, **keywords: Any) -> Hits: ...
 
     def any_hit(self, *arguments: Any, **keywords: Any) -> Booleans: ...
-
-
-def _class_of_kind(kind: int) -> int:
-    if kind == STRAIGHT:
-        return SEEN_BY["camera"]
-    if kind & TRANSMITTED:
-        return SEEN_BY["transmission"]
-    return SEEN_BY["diffuse" if kind & DIFFUSE else "glossy"]
-
-
-CLASS_OF_KIND = np.array([_class_of_kind(kind) for kind in range(16)], dtype=np.uint8)
-
-
-def classify_rays(kind: Kinds) -> Masks:
-    """Return the class (n,), a bit of SEEN_BY, of rays whose last bounce was of a `kind` (n,)."""
-    return CLASS_OF_KIND[kind]
 
 
 def classify_shadows(rays: Rays) -> Masks:

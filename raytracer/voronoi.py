@@ -21,19 +21,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.noise import MOST_DETAIL, hash_numbers
-
-Floats = NDArray[np.float64]
+from raytracer.types import Floats
 
 PCG_FACTOR, PCG_SUMMAND = np.int32(1664525), np.int32(1013904223)
+
+
 LARGEST_INT = 0x7FFFFFFF
+
+
 # One round of PCG in 2, 3 and 4 dimensions: to each word the product of two others is added; -1 is the factor.
 ROUNDS = {
     2: ((0, 1, -1), (1, 0, -1)),
     3: ((0, 1, 2), (1, 2, 0), (2, 0, 1)),
     4: ((0, 1, 3), (1, 2, 0), (2, 0, 1), (3, 1, 2)),
 }
+
+
 # Orders of four coordinates that are hashed for a point, and for a color.
 POINT_ORDERS = ((0, 1, 2, 3), (3, 0, 1, 2), (2, 3, 0, 1), (1, 2, 3, 0))
+
+
 COLOR_ORDERS = ((0, 1, 2, 3), (2, 0, 3, 1), (3, 2, 1, 0))
 
 

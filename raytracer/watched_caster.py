@@ -9,9 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from raytracer.accelerate import Caster
+from raytracer.accelerate.caster import Caster
 from raytracer.part_caster import PartCaster
-from raytracer.rays import Booleans, Hits
+from raytracer.rays import Hits
+from raytracer.types import Booleans
 
 
 class CancelledError(Exception):

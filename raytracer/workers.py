@@ -24,19 +24,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
+from raytracer.python import make_python_command, make_python_environment
+
 # Jobs handed out per worker beyond the one whose result is due: enough that no worker waits for the parent.
 JOBS_AHEAD = 2
+
 
 # Seconds between two looks at `is_cancelled` while a result is awaited.
 POLL_SECONDS = 0.02
 
+
 # NumPy arrays are fastest on whole cache lines.
 BUFFER_ALIGNMENT = 64
-
-# The libraries NumPy may take its linear algebra from; workers are parallel already.
-ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
-)
 
 
 class WorkerError(RuntimeError):
@@ -186,23 +185,6 @@ def _wait(future: Future[Any], is_cancelled: Callable[[], bool]) -> bool:
             continue
         return False
     return True
-
-
-def make_python_command(code: str) -> list[str]:
-    """Return the command that runs `code` in a fresh Python; -P: no file in the working directory stands in for a
-    module."""
-    return [sys.executable, "-P", "-c", code]
-
-
-def make_python_environment() -> dict[str, str]:
-    """Return the environment of a fresh Python that finds the same modules and computes in one thread."""
-    return os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(_list_import_paths())}
-
-
-def _list_import_paths() -> list[str]:
-    """Return where modules come from: this package first, then as in this process, without the working directory."""
-    package = str(Path(__file__).resolve().parents[__name__.count(".")])
-    return [package, *(path for path in sys.path if os.path.isabs(path) and path != package)]
 
 
 def _send(stream: IO[bytes], message: Any) -> None:

@@ -21,12 +21,10 @@ from raytracer.accelerate.geometry import join_id, split_id
 from raytracer.checks import as_array
 from raytracer.lecture import length
 from raytracer.rays import Hits, Rays, make_rays
-from raytracer.surface import measure_triangles
+from raytracer.surface_tables import measure_triangles
+from raytracer.types import Floats, Integers
 
 from .held import Held, find_held
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int32]
 
 # With up to so many triangles for each hit, a table over all triangles costs less than measuring one for each hit.
 SHARED_TRIANGLES = 16

@@ -12,8 +12,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..command_line import CommandError, open_blend
-from ..render_command import first_line, hide_python_output, parse_positive, parse_size
+from ..command_line import CommandError, first_line, hide_python_output, open_blend
+from ..render_command import parse_positive, parse_size
 
 DEFAULT_SIZE = (192, 108)
 DEFAULT_SAMPLES = {"cycles": 64, "ray_cast": 4096}

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate.geometry import Geometry, world_corners
 from raytracer.camera import primary_rays
-from raytracer.scene import Camera
+from raytracer.camera_record import Camera
+from raytracer.types import Floats
 
-Floats = NDArray[np.float64]
 # Origins of random rays lie in the scene's bounding box grown by this share of its diagonal.
 SURROUNDINGS = 0.25
 

@@ -11,16 +11,22 @@ from numpy.typing import NDArray
 
 from raytracer import exact
 from raytracer.accelerate.geometry import Geometry, instance_corners, world_corners
+from raytracer.types import Floats, Indices
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Primitive = tuple[int, int]  # (instance, triangle)
+
 
 # Consecutive triangles of a mesh, mostly neighbours, that share one box.
 BLOCK = 128
+
+
 # A slab test in float64 rounds a handful of times; boxes grow by far more than that, relative to their coordinates.
 UNIT = 2.0**-53
+
+
 BOX_MARGIN = 1024 * UNIT
+
+
 # An edge function below this may have lost terms to underflow.
 UNDERFLOW = 2.0**-900
 

@@ -19,18 +19,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.types import Booleans
+
 Floats = NDArray[np.floating]
-Booleans = NDArray[np.bool_]
+
 
 # Keeps the relative error finite where the reference is black (Rousselle et al. 2011, section 4).
 RELATIVE_MSE_OFFSET = 0.01
+
+
 TILE = 16
+
+
 # Probability that the test rejects a picture whose expected values are equal.
 SIGNIFICANCE = 0.01
+
+
 # Pixels around a pixel whose variance speaks for it too, see `pool_variance`.
 POOL = 5
+
+
 # Cycles shades in float32; a path's value has been rounded about so many times.
 FLOAT32_OPERATIONS = 32
+
+
 FLOAT32_UNIT = 2.0**-24
 
 

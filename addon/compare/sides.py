@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate import Caster
+from raytracer.accelerate.caster import Caster
 from raytracer.accelerate.geometry import world_corners
 from raytracer.rays import Hits
+from raytracer.types import Floats
 
 from .aims import Aimed
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
 
 # What tells instances apart in Blender's answers: the object's name and the matrix, row by row.
 Key = tuple[str, tuple[float, ...]]

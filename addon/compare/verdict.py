@@ -12,17 +12,16 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from raytracer import exact
 from raytracer.accelerate.geometry import world_corners
+from raytracer.types import Floats
 
 from .aims import Aimed
 from .judge import Judge
 from .sides import Answers, Sides, cast_blender, cast_ours
 from .with_ray_cast import make_sides
 
-Floats = NDArray[np.float64]
 Surfaces = frozenset[tuple[str, int]]  # (object, polygon); several where the ray meets an edge, none where it misses
 
 

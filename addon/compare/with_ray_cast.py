@@ -14,15 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate import build
+from raytracer.accelerate.caster import build
+from raytracer.types import Booleans, Floats
 
 from ..extract import Extraction, extract_scene
 from .aims import Aimed, aim_rays
 from .judge import Judge
 from .sides import Answers, Sides, cast_blender, cast_ours, key_of, measure_normal_error
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 # Rays on which both sides agree and which are judged all the same.
 JUDGED_AGREEING = 256

@@ -17,18 +17,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.textures import decode_srgb
+from raytracer.types import Floats
 
-Floats = NDArray[np.float64]
 Decoder = Callable[[NDArray[np.float32]], Floats]
 
+
 D65, D60, EQUAL = (0.3127, 0.3290), (0.32168, 0.33767), (1 / 3, 1 / 3)
+
+
 REC709 = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06))
+
+
 REC2020 = ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046))
+
+
 P3 = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060))
+
+
 AP0 = ((0.7347, 0.2653), (0.0, 1.0), (0.0001, -0.0770))
+
+
 AP1 = ((0.713, 0.293), (0.165, 0.830), (0.128, 0.044))
+
+
 ADOBE = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06))
+
+
 BRADFORD = np.array(((0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296)))
+
 
 # Primaries (None for XYZ itself) and white of linear spaces.
 LINEAR_SPACES = {
@@ -43,6 +59,8 @@ LINEAR_SPACES = {
     "Linear CIE-XYZ D65": (None, D65),
     "Linear CIE-XYZ E": (None, EQUAL),
 }
+
+
 # Encoded spaces: the linear one, and the exponent of its curve, or 0 for the curve of sRGB.
 ENCODED_SPACES = {
     "Display P3": ("Linear DCI-P3 D65", 0.0),

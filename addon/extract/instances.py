@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.noise import hash_words
-from raytracer.scene import SEEN_BY, SEEN_BY_ALL
+from raytracer.records import SEEN_BY, SEEN_BY_ALL
 
 from .kept import Kept
 from .linking import Linked, read_linking

@@ -10,13 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.atmosphere import (
-    Atmosphere,
-    find_multiple_sun,
-    find_single_sun,
-    tabulate_multiple,
-    tabulate_single,
-)
+from raytracer.atmosphere import Atmosphere, find_multiple_sun, find_single_sun, tabulate_multiple, tabulate_single
 from raytracer.programs import Image
 
 from .. import versions

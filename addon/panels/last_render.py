@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 from bpy.props import StringProperty
 
-from ..extract import Warning
+from ..extract.warnings import Warning
 from ..statistics import Statistics, last_render
 from .shared import RenderPanel, count_letters, wrap_text
 

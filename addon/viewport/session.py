@@ -13,7 +13,8 @@ from typing import Any
 from raytracer.live import describe_error
 from raytracer.progressive import Picture, Target
 
-from ..extract import Kept, extract_scene, read_changes
+from ..extract import extract_scene
+from ..extract.kept import Kept, read_changes
 from ..properties import settings_keywords
 from . import pool
 from .views import EmptyBorderError, read_view

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accelerate.clustering import Bounds, Clusters, Integers, cluster, half_surface
-from raytracer.rays import Floats
+from raytracer.accelerate.clustering import Bounds, Clusters, cluster, half_surface
+from raytracer.types import Floats, Integers
 
 WIDTH = 4
 NODE_ROWS = 8

@@ -18,14 +18,16 @@ from raytracer.accelerate.geometry import Geometry, pack_geometry
 from raytracer.accelerate.hierarchy import Hierarchy, build_hierarchy, choose_flattened
 from raytracer.accelerate.matrix_form import MatrixForm
 from raytracer.accelerate.pencil import Rows, View, find_pencil, make_views
-from raytracer.accelerate.primitives import PRECISIONS, Primitives, make_primitives
+from raytracer.accelerate.primitives import Primitives, make_primitives
 from raytracer.accelerate.project import offer_projected
 from raytracer.accelerate.projection import project
 from raytracer.accelerate.search import Search
 from raytracer.accelerate.traverse import offer_traversed
 from raytracer.checks import require_choice
-from raytracer.rays import Booleans, Hits, Rays, make_rays
+from raytracer.rays import Hits, Rays, make_rays
+from raytracer.rounding import PRECISIONS
 from raytracer.scene import Scene
+from raytracer.types import Booleans
 
 # Rays per batch: their state and the candidates they bring stay within a few tens of megabytes.
 BATCH_RAYS = 1 << 16

@@ -21,18 +21,32 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.types import Integers
+
 Bounds = NDArray[np.float32]
-Integers = NDArray[np.int32]
+
 
 RADIUS = 8
+
+
 # Clusters whose neighbours are looked for together: what they need stays within the cache.
 BLOCK = 1 << 14
+
+
 # The low bits of a waste give way to the neighbour's code, below 2 RADIUS.
 CODE_BITS = np.int32(2 * RADIUS - 1)
+
+
 # A round that merges fewer than one in MANY clusters is replaced by merging all in pairs.
 MANY = 16
+
+
 CURVE_BITS = 16
+
+
 BITS = np.arange(CURVE_BITS, dtype=np.uint64)
+
+
 # Bits 0 ... 15 of each number moved to places 0, 3, 6, ...
 SPREAD = (((np.arange(1 << CURVE_BITS, dtype=np.uint64)[:, None] >> BITS) & 1) << (3 * BITS)).sum(axis=1)
 

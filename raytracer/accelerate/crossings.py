@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from raytracer import exact
 from raytracer.accelerate.geometry import Ids
 from raytracer.accelerate.primitives import Primitives, gather_corners
-from raytracer.accelerate.search import Candidates, Indices, Search
-from raytracer.rays import Booleans, Floats, Rays
+from raytracer.accelerate.search import Candidates, Search
+from raytracer.rays import Rays
+from raytracer.types import Booleans, Floats, Indices
 
 
 class CrossingSearch(Search):

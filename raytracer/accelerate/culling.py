@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate.bvh import Frame, round_down
 from raytracer.accelerate.leaves import TOLERANCE
-from raytracer.predicates import gamma
-from raytracer.rays import Floats
+from raytracer.rounding import gamma
+from raytracer.types import Floats
 
 FLOAT32_ROUNDOFF = 2.0**-24
 # entry <= exit * SLACK: both sides carry three roundings (pbrt-v4 uses 1 + 2 gamma(3)); as float32, rounded up.

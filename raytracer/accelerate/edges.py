@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer import predicates, refine
-from raytracer.rays import Booleans
+from raytracer.types import Booleans
 
 # The edge opposite corner i runs from corner FIRST[i] to corner SECOND[i].
 FIRST, SECOND = [1, 2, 0], [2, 0, 1]

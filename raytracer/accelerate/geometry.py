@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.rays import Floats, Integers
 from raytracer.scene import Scene
+from raytracer.types import Floats, Integers
 
 Ids = NDArray[np.int64]
 Corners = tuple[Floats, Floats, Floats]

@@ -16,8 +16,8 @@ from raytracer.accelerate.geometry import Geometry
 from raytracer.accelerate.joined import NO_BOUNDS, NO_CORNERS, JoinedTree, Name, Table, TreeInput
 from raytracer.accelerate.placed import PlacedTrees, can_be_placed, invert
 from raytracer.accelerate.primitives import Primitives, extremes, instance_bounds
-from raytracer.predicates import gamma
-from raytracer.rays import Booleans, Floats
+from raytracer.rounding import gamma
+from raytracer.types import Booleans, Floats
 
 # Copies of triangles that flattening may add in all (72 bytes each, plus their share of a tree).
 FLATTEN_LIMIT = 1 << 19

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accelerate.bvh import NODE_ROWS, REFERENCE_ROW, WIDTH, Frame, build_tree, to_bounds
-from raytracer.accelerate.clustering import Bounds, Integers
+from raytracer.accelerate.clustering import Bounds
 from raytracer.accelerate.leaves import LEAF_ROWS, pack_leaves
+from raytracer.types import Integers
 
 Name = tuple[str, int]
 # Triangles whose boxes are computed at a time.

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate.bvh import NO_ITEM, WIDTH, Frame, Tree
 from raytracer.predicates import cross, dot
-from raytracer.rays import Booleans
+from raytracer.types import Booleans
 
 LEAF_ROWS = 10
 SIZE_ROW = 9

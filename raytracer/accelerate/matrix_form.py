@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from raytracer.accelerate.bvh import make_frame
 from raytracer.accelerate.primitives import Primitives, gather_corners
 from raytracer.accelerate.search import Search
-from raytracer.predicates import UNDERFLOW, UNIT_ROUNDOFF, cross, dot, gamma
-from raytracer.rays import Floats
+from raytracer.predicates import UNDERFLOW, cross, dot
+from raytracer.rounding import UNIT_ROUNDOFF, gamma
+from raytracer.types import Floats
 
 FLOAT32_ROUNDOFF = 2.0**-24
 # Edge functions held at a time: they stay in the cache.

@@ -20,8 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.predicates import gamma
-from raytracer.rays import Floats, Rays
+from raytracer.rays import Rays
+from raytracer.rounding import gamma
+from raytracer.types import Floats
 
 # Rays arriving at a point are seen from where they end: their ends may lie this far apart, as a share of their length.
 LARGEST_SPREAD = 2.0**-28

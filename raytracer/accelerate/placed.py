@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate.bvh import Frame
 from raytracer.accelerate.culling import CullingRays, largest_component, make_rows
-from raytracer.predicates import gamma
-from raytracer.rays import Booleans, Floats
+from raytracer.rounding import gamma
+from raytracer.types import Booleans, Floats
 
 # ||M^-1 M - I|| beyond this, or scales beyond 2^EXPONENT_RANGE of the world's, make the pad useless.
 WORST_RESIDUAL = 2.0**-20

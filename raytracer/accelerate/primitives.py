@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accelerate.geometry import Geometry, Ids, instance_corners, split_id, world_corners
-from raytracer.predicates import gamma
-from raytracer.rays import Booleans, Floats
-
-PRECISIONS = ("certified", "float64", "float32")
+from raytracer.rounding import gamma
+from raytracer.types import Booleans, Floats
 
 
 @dataclass(frozen=True, eq=False)

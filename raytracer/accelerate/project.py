@@ -38,7 +38,7 @@ from raytracer.accelerate.projection import (
 )
 from raytracer.accelerate.screen import TILE, TILE_BITS, Screen
 from raytracer.accelerate.search import Search
-from raytracer.rays import Booleans
+from raytracer.types import Booleans
 
 # Pairs looked at at a time: what they need fits the cache.
 PAIR_BLOCK = 8192

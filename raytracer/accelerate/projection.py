@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from raytracer.accelerate.geometry import Ids
 from raytracer.accelerate.pencil import View
 from raytracer.accelerate.primitives import Primitives, find_rows, name_rows
-from raytracer.predicates import UNIT_ROUNDOFF, gamma
-from raytracer.rays import Booleans, Floats
+from raytracer.rounding import UNIT_ROUNDOFF, gamma
+from raytracer.types import Booleans, Floats
 
 # E of float32 numbers has 5 roundings, 5 * 2^-24 (|n_x| + |n_y| + |n_z|) for |x|, |y| <= 1: less than 2^-20 with the
 # largest component of n scaled to 1; the ray's own place is known to 2^-22 (`pencil`).

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from raytracer.accelerate.bvh import round_down
 from raytracer.accelerate.pencil import View
-from raytracer.rays import Floats
+from raytracer.types import Floats
 
 TILE_BITS = 3
 TILE = 1 << TILE_BITS

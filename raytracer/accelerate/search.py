@@ -24,13 +24,17 @@ from raytracer import exact, predicates, refine
 from raytracer.accelerate.edges import judge_edges, name_axis_planes, name_meeting_points
 from raytracer.accelerate.geometry import Ids, split_id
 from raytracer.accelerate.primitives import Primitives, gather_corners, gather_spheres
-from raytracer.rays import Booleans, Floats, Hits, Rays
-
-Indices = NDArray[np.intp]
+from raytracer.rays import Hits, Rays
+from raytracer.rounding import gamma
+from raytracer.types import Booleans, Floats, Indices
 
 # The order of coordinates that brings each axis to the last place; cyclic, so that orientations stay.
 TURNS = ([1, 2, 0], [2, 0, 1], [0, 1, 2])
+
+
 NO_ID = np.iinfo(np.int64).max
+
+
 # Hits measured at a time: what they need fits the cache.
 MEASURE_BLOCK = 8192
 
@@ -116,7 +120,7 @@ class Search:
         away = np.maximum(high - lines[:3], lines[:3] - low)
         reach = np.maximum(np.maximum(away[0], away[1]), away[2])
         # Three roundings: two differences and the product that absorbs them.
-        return predicates.edge_error_of_ray(lines[6:], reach * (1 + predicates.gamma(3)))
+        return predicates.edge_error_of_ray(lines[6:], reach * (1 + gamma(3)))
 
     def _turned_corners(self, primitive_id: Ids, axis: int) -> NDArray:
         """The (3 corners, 3, k) planes of triangles, the main axis last."""

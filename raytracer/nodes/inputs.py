@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from raytracer.frames import normalize, reflect
+from raytracer.fresnel import dielectric_reflectance
 from raytracer.lecture import dot, length
-from raytracer.microfacet import dielectric_reflectance
 from raytracer.nodes.operation import Array, Operation, spread
 from raytracer.sites import Site
 

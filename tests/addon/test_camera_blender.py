@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from raytracer.camera import primary_rays
-from raytracer.scene import Camera
+from raytracer.camera_record import Camera
 
 pytestmark = pytest.mark.blender
 

@@ -13,7 +13,7 @@ from mathutils import Matrix
 from numpy.testing import assert_allclose, assert_array_equal
 
 from addon.extract import Extraction, extract_scene
-from raytracer.scene import SEEN_BY, SEEN_BY_ALL
+from raytracer.records import SEEN_BY, SEEN_BY_ALL
 
 pytestmark = pytest.mark.blender
 

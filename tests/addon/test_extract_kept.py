@@ -9,7 +9,8 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.extract import Changes, Kept, extract_scene, mesh_table
+from addon.extract import extract_scene, mesh_table
+from addon.extract.kept import Changes, Kept
 from addon.versions import find_node_tree
 from tests.addon.engine_fixtures import make_emission
 from tests.addon.viewport_fixtures import make_two_planes, update

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import raytracer
 from addon import versions
 from addon.extract import Extraction, extract_scene
-from raytracer.scene import SEEN_BY, SEEN_BY_ALL
+from raytracer.records import SEEN_BY, SEEN_BY_ALL
 
 pytestmark = pytest.mark.blender
 

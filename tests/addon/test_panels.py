@@ -13,10 +13,10 @@ import addon
 import raytracer
 from addon import comparing, inspector, panels, properties, statistics
 from addon.engine import ENGINE
-from addon.extract import Warning
+from addon.extract.warnings import Warning
 from addon.panels import built_in, last_render, presets, render, scene_data, view_layer
 from addon.passes import PASSES, enable_passes, enabled_passes
-from raytracer import film, settings
+from raytracer import passes, settings
 
 
 @pytest.fixture
@@ -137,7 +137,7 @@ def test_choices_are_those_of_the_ray_tracer() -> None:
 
 def test_passes_are_those_of_the_film() -> None:
     assert {name: len(stored.channels) for name, stored in PASSES.items()} == {
-        name: stored.channels for name, stored in film.PASSES.items()
+        name: stored.channels for name, stored in passes.PASSES.items()
     }
 
 

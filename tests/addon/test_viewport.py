@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import raytracer
-from addon.extract import Changes, Kept, extract_scene
+from addon.extract import extract_scene
 from addon.extract.camera import extract_camera
+from addon.extract.kept import Changes, Kept
 from addon.extract.warnings import WarningList
 from addon.viewport import session as session_module
 from addon.viewport.drawing import BAND_PIXELS, Canvas

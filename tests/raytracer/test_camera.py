@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from raytracer.camera import FILM_DEPTH, primary_rays
+from raytracer.camera_record import Camera
 from raytracer.lecture import line_through, point_on_line
-from raytracer.scene import Camera
 
 # cos = 0.6, sin = 0.8: a rotation whose products with small dyadic numbers stay accurate to an ulp.
 TURNED = np.array([[0.6, 0.0, 0.8, 10.0], [0.0, 1.0, 0.0, -20.0], [-0.8, 0.0, 0.6, 30.0], [0.0, 0.0, 0.0, 1.0]])

@@ -9,9 +9,10 @@ import pytest
 
 import raytracer
 from raytracer.film import show_shadows
+from raytracer.material_records import Closure, Material
 from raytracer.programs import Program, Register, Step
+from raytracer.records import SEEN_BY
 from raytracer.render import render
-from raytracer.scene import SEEN_BY, Closure, Material
 from raytracer.settings import Settings
 from raytracer.stages import prepare
 

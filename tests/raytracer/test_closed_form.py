@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer.fresnel import dielectric_reflectance
 from raytracer.integrate import trace
-from raytracer.microfacet import dielectric_reflectance
+from raytracer.material_records import Closure, Material
 from raytracer.rays import make_rays
 from raytracer.render import render
 from raytracer.sampling import PixelSamples
-from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
 from raytracer.stages import prepare
 

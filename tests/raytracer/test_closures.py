@@ -10,17 +10,11 @@ import raytracer.sheen_table as sheen_table
 from raytracer.closures import Closures
 from raytracer.diffuse_shapes import Toon, Velvet, make_rough_matte, make_sheen
 from raytracer.facets import beckmann_density, beckmann_shadowing, make_stretch, rotate, sample_beckmann_normals
+from raytracer.fresnel import conductor_reflectance, metal_mean, metal_slope
 from raytracer.lobes import Grain, stretch_grain
-from raytracer.material_records import DISTRIBUTIONS
-from raytracer.microfacet import (
-    conductor_reflectance,
-    evaluate_microfacets,
-    metal_mean,
-    metal_slope,
-    sample_microfacets,
-)
+from raytracer.material_records import DISTRIBUTIONS, Closure
+from raytracer.microfacet import evaluate_microfacets, sample_microfacets
 from raytracer.scatter import evaluate_tilted, option_probabilities, sample_continuation
-from raytracer.scene import Closure
 from tests.raytracer.test_materials import integrate_lobes, shade, sphere_quadrature, view
 
 UP = np.array([[0.0, 0.0, 1.0]])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer.material_records import Closure, Material
 from raytracer.render import render
-from raytracer.scene import Closure, Material
 
 bpy = pytest.importorskip("bpy", reason="needs Blender's Python module")
 pytestmark = [pytest.mark.blender, pytest.mark.slow]

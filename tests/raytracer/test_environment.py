@@ -20,8 +20,8 @@ from raytracer.environment import (
     list_ways,
     make_environment,
 )
+from raytracer.light_records import World
 from raytracer.programs import Image, Program, Register, Step
-from raytracer.scene import World
 from raytracer.sites import LightPath
 
 FRAME = (4, 3)

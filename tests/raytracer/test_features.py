@@ -19,7 +19,7 @@ from raytracer import (
     World,
 )
 from raytracer.features import Features, derive_features
-from raytracer.scene import DEFAULT_MATERIAL
+from raytracer.material_records import DEFAULT_MATERIAL
 from tests import meshes
 
 QUAD = meshes.make_quad()

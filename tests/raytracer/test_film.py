@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from raytracer.film import PASSES, Film, select_passes
+from raytracer.film import Film
+from raytracer.passes import PASSES, select_passes
 
 
 def test_passes_are_those_asked_for_only():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from raytracer.camera import primary_rays
-from raytracer.scene import Camera
+from raytracer.camera_record import Camera
 from raytracer.site_tables import View
 from raytracer.sites import LightPath, measure_footprint
 

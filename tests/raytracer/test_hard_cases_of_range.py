@@ -13,7 +13,8 @@ import raytracer
 from raytracer import lecture
 from raytracer.features import derive_features
 from raytracer.rays import Rays
-from raytracer.surface import make_surface, make_surface_tables, spawn_origin
+from raytracer.surface import make_surface, spawn_origin
+from raytracer.surface_tables import make_surface_tables
 from tests import meshes
 from tests.exact_oracle import pack_scene
 from tests.judging import (

@@ -6,9 +6,9 @@ import pytest
 import raytracer
 from raytracer import contributions, scatter
 from raytracer.integrate import trace
+from raytracer.material_records import Closure, Material
 from raytracer.rays import make_rays
 from raytracer.sampling import PixelSamples
-from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
 from raytracer.stages import prepare
 from tests.forbidding import forbid

@@ -13,8 +13,8 @@ from raytracer.area_lights import area_spread_factor
 from raytracer.emitters import emitter_density, make_emitters, pick_emitters, sample_picked
 from raytracer.light_shapes import SMALL_SOLID_ANGLE, rectangle_solid_angle
 from raytracer.lights import evaluate_light, has_extent, sample_light, spot_attenuation
-from raytracer.rays import Surface
-from raytracer.surface import make_surface_tables
+from raytracer.surface import Surface
+from raytracer.surface_tables import make_surface_tables
 
 GRID = 512
 GRID_ERROR = 1.0 / GRID**2

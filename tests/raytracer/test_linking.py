@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer.material_records import Closure, Material
 from raytracer.records import ALL_SETS, SEEN_BY_ALL
 from raytracer.render import render
-from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
 from raytracer.stages import prepare
 

@@ -15,9 +15,13 @@ import numpy as np
 import pytest
 
 from raytracer import microfacet_albedo, render
+from raytracer.camera_record import Camera
+from raytracer.light_records import PointLight
 from raytracer.live import Live, describe_error, warm_up
+from raytracer.material_records import Closure, Material
 from raytracer.progressive import Picture, Target
-from raytracer.scene import Camera, Closure, Material, Mesh, PointLight, Scene
+from raytracer.scene import Scene
+from raytracer.shapes import Mesh
 
 CAMERA = Camera(np.eye(4))
 SETTINGS = {"integrator": "path", "pixel_filter": "box", "filter_width": 1.0}

@@ -7,29 +7,19 @@ import numpy as np
 import pytest
 
 import raytracer.microfacet_albedo as albedo
+from raytracer.direct_light import reflect_light
 from raytracer.frames import reflect
+from raytracer.fresnel import dielectric_reflectance, metal_coefficient, metal_reflectance, refract, transmitted_cosine
 from raytracer.lecture import dot
 from raytracer.light_shapes import LightSamples
 from raytracer.lobes import SMALLEST_PICK
+from raytracer.material_records import Closure, Material
 from raytracer.materials import make_material_table, make_shading
-from raytracer.microfacet import (
-    SMALLEST_ALPHA,
-    dielectric_reflectance,
-    metal_coefficient,
-    metal_reflectance,
-    refract,
-    tilt_to_reflect,
-    transmitted_cosine,
-)
-from raytracer.rays import Surface
-from raytracer.scatter import (
-    evaluate_lobes,
-    option_probabilities,
-    power_heuristic,
-    reflect_light,
-    sample_continuation,
-)
-from raytracer.scene import Closure, Material, Scene
+from raytracer.microfacet import SMALLEST_ALPHA, tilt_to_reflect
+from raytracer.scatter import evaluate_lobes, option_probabilities, sample_continuation
+from raytracer.scene import Scene
+from raytracer.surface import Surface
+from raytracer.warps import power_heuristic
 
 # What the tables of energy promise, see `microfacet_albedo`: the nodes' own error, and that of reading between them.
 TABLE_ERROR = 5e-3

@@ -14,7 +14,8 @@ from raytracer.accelerate.geometry import pack_geometry
 from raytracer.accelerate.matrix_form import MatrixForm, meet_planes
 from raytracer.accelerate.primitives import make_primitives
 from raytracer.rays import make_rays
-from raytracer.surface import make_surface, make_surface_tables, spawn_origin
+from raytracer.surface import make_surface, spawn_origin
+from raytracer.surface_tables import make_surface_tables
 
 COUNT = 100
 

@@ -6,17 +6,21 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer.bounces import classify_rays
 from raytracer.integrate import trace
+from raytracer.light_records import World
+from raytracer.material_records import Closure, Material
 from raytracer.probes import Probe
 from raytracer.programs import Program, Register, Step
 from raytracer.rays import make_rays
 from raytracer.records import SEEN_BY, SEEN_BY_ALL
-from raytracer.sampling import PixelSamples, Sampler
-from raytracer.scene import Closure, Instances, Material, Mesh, Scene, Spheres, World
+from raytracer.sampler import Sampler
+from raytracer.sampling import PixelSamples
+from raytracer.scene import Scene
 from raytracer.settings import Settings
+from raytracer.shapes import Instances, Mesh, Spheres
 from raytracer.stages import prepare
 from raytracer.surface import make_surface
-from raytracer.visibility import classify_rays
 from tests.forbidding import forbid
 
 COUNT, SAMPLES = 4096, 4

@@ -5,11 +5,11 @@ import pytest
 
 import raytracer
 from raytracer import bounces, contributions, integrate, scatter
-from raytracer.bounces import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
+from raytracer.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED, count_bounces, describe_kinds
 from raytracer.integrate import trace
+from raytracer.material_records import Closure, Material
 from raytracer.rays import make_rays
 from raytracer.sampling import PixelSamples
-from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
 from raytracer.stages import prepare
 from tests.forbidding import forbid
@@ -191,7 +191,7 @@ def test_a_bounce_counts_by_its_kind():
     kinds = np.array(
         [STRAIGHT, DIFFUSE, GLOSSY, GLOSSY | SINGULAR, GLOSSY | TRANSMITTED, DIFFUSE | TRANSMITTED], np.uint8
     )
-    counts = bounces.count_bounces(np.ones((6, 3), np.int32), kinds)
+    counts = count_bounces(np.ones((6, 3), np.int32), kinds)
     np.testing.assert_array_equal(counts - 1, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
 
 
@@ -316,7 +316,7 @@ def test_pictures_are_the_same_for_any_block_size_and_number_of_workers(settings
 
 def test_light_path_tells_kinds_and_depths():
     kinds = np.array([STRAIGHT, DIFFUSE, GLOSSY, GLOSSY | SINGULAR, GLOSSY | TRANSMITTED], np.uint8)
-    told = bounces.describe_kinds(kinds, np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 1, 0], [2, 1, 4]], np.int32))
+    told = describe_kinds(kinds, np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 1, 0], [2, 1, 4]], np.int32))
     expected = {
         "camera": [1, 0, 0, 0, 0],
         "diffuse": [0, 1, 0, 0, 0],

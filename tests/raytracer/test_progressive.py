@@ -10,6 +10,8 @@ import pytest
 
 from raytracer import build, render
 from raytracer.camera import locate_on_film
+from raytracer.camera_record import Camera
+from raytracer.light_records import PointLight
 from raytracer.progressive import (
     COARSEST,
     FEWEST_PIXELS,
@@ -21,7 +23,8 @@ from raytracer.progressive import (
     measure_part,
     refine,
 )
-from raytracer.scene import Camera, Mesh, PointLight, Scene
+from raytracer.scene import Scene
+from raytracer.shapes import Mesh
 
 # A chain of some ten operations on numbers of the film's size.
 ROUNDING = 16 * np.finfo(np.float64).eps

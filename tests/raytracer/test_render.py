@@ -7,12 +7,17 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from raytracer.film import PASSES
+from raytracer.blocks import SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_view
+from raytracer.camera_record import Camera
+from raytracer.light_records import AreaLight, World
+from raytracer.material_records import Closure, Material
+from raytracer.passes import PASSES
 from raytracer.rays import Rays
-from raytracer.render import SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_view, render
+from raytracer.render import render
 from raytracer.sampling import PixelSamples
-from raytracer.scene import AreaLight, Camera, Closure, Material, Mesh, Scene, Spheres, World
+from raytracer.scene import Scene
 from raytracer.settings import Settings
+from raytracer.shapes import Mesh, Spheres
 from raytracer.workers import Workers
 
 # The function `raytracer.render` hides the module of that name.

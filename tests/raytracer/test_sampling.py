@@ -5,13 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from raytracer.sampling import (
-    PixelSamples,
-    _first_coordinate,
-    _second_coordinate,
-    sample_cosine_hemisphere,
-    sample_disk,
-)
+from raytracer.sampling import PixelSamples, _first_coordinate, _second_coordinate
+from raytracer.warps import sample_cosine_hemisphere, sample_disk
 
 PIXEL_COUNT = 16
 BINS = 64

@@ -9,7 +9,8 @@ import pytest
 import raytracer
 from raytracer import Camera, Closure, Instances, Material, Mesh, Scene, Spheres, World
 from raytracer.checks import as_array
-from raytracer.scene import CLOSURE_KINDS, AreaLight, PointLight, SpotLight, SunLight
+from raytracer.light_records import AreaLight, PointLight, SpotLight, SunLight
+from raytracer.material_records import CLOSURE_KINDS
 from raytracer.scene_file import FILE_FORMAT
 from tests import meshes
 

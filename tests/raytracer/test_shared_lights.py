@@ -6,9 +6,10 @@ import pytest
 import raytracer
 from raytracer.integrate import trace
 from raytracer.lights import evaluate_light, sample_light
+from raytracer.material_records import Closure, Material
 from raytracer.rays import Rays, make_rays
-from raytracer.sampling import PixelSamples, share_samples
-from raytracer.scene import Closure, Material
+from raytracer.sampler import share_samples
+from raytracer.sampling import PixelSamples
 from raytracer.settings import Settings
 from raytracer.shared_lights import (
     SAMPLES_WITHOUT_STEPS,

@@ -11,7 +11,8 @@ from raytracer.accelerate.geometry import pack_geometry, world_corners
 from raytracer.features import derive_features
 from raytracer.lecture import barycentric, dot
 from raytracer.rays import Hits, make_rays
-from raytracer.surface import make_surface, make_surface_tables, spawn_origin
+from raytracer.surface import make_surface, spawn_origin
+from raytracer.surface_tables import make_surface_tables
 from tests import meshes
 
 RIGHT_TRIANGLE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]

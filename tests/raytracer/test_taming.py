@@ -6,12 +6,12 @@ import pytest
 import raytracer
 from raytracer import integrate, taming
 from raytracer.integrate import trace
+from raytracer.light_sources import GEOMETRY, LAMP, find_chances
+from raytracer.material_records import Closure, Material
 from raytracer.rays import make_rays
 from raytracer.sampling import PixelSamples
-from raytracer.scene import Closure, Material
 from raytracer.settings import Settings
 from raytracer.stages import prepare
-from raytracer.taming import GEOMETRY, LAMP, find_chances
 
 COUNT = 64
 POWER, RADIUS = 50.0, 2.0

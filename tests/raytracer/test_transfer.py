@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from raytracer.scene import Instances, Mesh, Scene
+from raytracer.scene import Scene
+from raytracer.shapes import Instances, Mesh
 from raytracer.transfer import SMALLEST_KEPT, Receiver, Sender
 
 LARGE = SMALLEST_KEPT // 8

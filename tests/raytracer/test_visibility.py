@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.bounces import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
+from raytracer.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
+from raytracer.bounces import classify_rays
 from raytracer.integrate import trace
+from raytracer.material_records import Closure, Material
 from raytracer.rays import make_rays
+from raytracer.records import SEEN_BY, SEEN_BY_ALL
 from raytracer.sampling import PixelSamples
-from raytracer.scene import SEEN_BY, SEEN_BY_ALL, Closure, Material
 from raytracer.settings import Settings
 from raytracer.stages import prepare
-from raytracer.visibility import classify_rays, make_cast
+from raytracer.visibility import make_cast
 
 COUNT = 20_000
 SIGMAS = 4.0

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raytracer.workers import ONE_THREAD, WorkerError, Workers
+from raytracer.python import ONE_THREAD
+from raytracer.workers import WorkerError, Workers
 
 # Workers import this by name: it stands in for what the renderer loads.
 FUNCTIONS = """

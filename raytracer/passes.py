@@ -1,0 +1,48 @@
+"""The passes of a film: how many channels each has, and what it holds where nothing was hit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Pass:
+    """What a pass holds.
+
+    channels : numbers per pixel
+    from_centre : True where the value is that of the ray through the pixel's centre, not a mean over samples
+    miss : what each channel holds where that ray hits nothing
+    """
+
+    channels: int
+    from_centre: bool = False
+    miss: float = 0.0
+
+
+PASSES = {
+    "Combined": Pass(4),  # linear RGB, already multiplied by alpha (premultiplied)
+    "Depth": Pass(1, from_centre=True, miss=1e10),  # metres along the camera's viewing axis
+    "Position": Pass(3, from_centre=True),  # metres, world
+    "Normal": Pass(3),  # shading normal, world, towards the ray
+    "UV": Pass(3),  # u, v, 1; 0 on what has no uvs
+    "Object Index": Pass(1, from_centre=True),
+    "Material Index": Pass(1, from_centre=True),
+    "Diffuse Color": Pass(3),
+    "Emission": Pass(3),
+    "Shadow": Pass(3),  # share of the direct light that reaches the surface
+}
+
+
+# Kept beside Combined where a scene has shadow catchers, which then is what is seen in front of them. Of the paths that
+# met one: what they saw (3), what they would see where there is nothing but catchers (3), how much of that is opaque
+# (1), and the background behind it all with its alpha (4).
+CAUGHT = "Caught"
+
+
+STORED = {**PASSES, CAUGHT: Pass(11)}
+
+
+def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
+    """Return those of the passes that come from the pixel's centre, or those that do not."""
+    return tuple(name for name in names if PASSES[name].from_centre == from_centre)

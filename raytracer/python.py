@@ -1,0 +1,29 @@
+"""How a Python process of our own is started, from Blender or outside of it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+# The libraries NumPy may take its linear algebra from; workers are parallel already.
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
+)
+
+
+def make_python_command(code: str) -> list[str]:
+    """Return the command that runs `code` in a fresh Python; -P: no file in the working directory stands in for a
+    module."""
+    return [sys.executable, "-P", "-c", code]
+
+
+def make_python_environment() -> dict[str, str]:
+    """Return the environment of a fresh Python that finds the same modules and computes in one thread."""
+    return os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(_list_import_paths())}
+
+
+def _list_import_paths() -> list[str]:
+    """Return where modules come from: this package first, then as in this process, without the working directory."""
+    package = str(Path(__file__).resolve().parents[__name__.count(".")])
+    return [package, *(path for path in sys.path if os.path.isabs(path) and path != package)]

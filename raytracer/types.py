@@ -1,0 +1,20 @@
+"""Arrays by what they hold: short names for annotations; docstrings give the shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int32]
+Booleans = NDArray[np.bool_]
+# Rows of arrays, as NumPy's own functions return them.
+Indices = NDArray[np.intp]
+Counts = NDArray[np.int32]
+# Sets and flags, a bit each.
+Masks = NDArray[np.uint8]
+Kinds = NDArray[np.uint8]
+# What is alike, by number.
+Keys = NDArray[np.int32]
+# Bits of hashes.
+Words = NDArray[np.uint32]
