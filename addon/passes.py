@@ -1,7 +1,7 @@
 """The passes as Blender knows them: one table, used where passes are declared, written, drawn and asked for.
 
 The ray tracer's side of the same names is `raytracer.film.PASSES`; what a Blender version calls a pass is in
-`versions`. Imports this package only.
+`versions`.
 """
 
 from __future__ import annotations

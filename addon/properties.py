@@ -1,4 +1,4 @@
-"""The settings of the render engine, kept in the .blend as `Scene.reference_raytracer`. Imports bpy."""
+"""The settings of the render engine, kept in the .blend as `Scene.reference_raytracer`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, PointerProperty
 
 from .versions import count_passages
+
+# The engine's identifier, as Blender and its files know it.
+ENGINE = "REFERENCE_RAYTRACER"
 
 PRECISIONS = (
     ("CERTIFIED", "Certified", "Every hit is decided exactly and comes with a proven bound on its error"),

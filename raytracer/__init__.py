@@ -6,19 +6,19 @@ hits = caster.closest_hit(origins, directions)
 film = raytracer.render(scene, width, height, samples)
 """
 
-from raytracer.accelerate.caster import Caster, build
-from raytracer.camera_record import Camera
-from raytracer.film import Film
-from raytracer.light_records import AreaLight, PointLight, SpotLight, SunLight, World
-from raytracer.material_records import Closure, Material
-from raytracer.programs import Image, Program, Register, Step
-from raytracer.rays import Hits, Rays
-from raytracer.render import render
-from raytracer.scene import Scene
-from raytracer.scene_file import load, save
-from raytracer.settings import Settings
-from raytracer.shapes import Instances, Mesh, Spheres
-from raytracer.workers import WorkerError, Workers
+from raytracer.casting.caster import Caster, build
+from raytracer.casting.rays import Hits, Rays
+from raytracer.film.film import Film
+from raytracer.integrator.settings import Settings
+from raytracer.processes.workers import WorkerError, Workers
+from raytracer.rendering.render import render
+from raytracer.scene.camera import Camera
+from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
+from raytracer.scene.materials import Closure, Material
+from raytracer.scene.programs import Image, Program, Register, Step
+from raytracer.scene.scene import Scene
+from raytracer.scene.scene_file import load, save
+from raytracer.scene.shapes import Instances, Mesh, Spheres
 
 __all__ = [
     "AreaLight",

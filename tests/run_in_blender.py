@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-OUTSIDE = ("test_command_line.py", "test_package.py")
+OUTSIDE = ("commands/test_command_line.py", "test_package.py")
 
 
 def main(folder: str, arguments: list[str]) -> int:

@@ -2,8 +2,9 @@
 
     blender -b -P child.py -- JOB.json        or        python child.py JOB.json
 
-JOB.json holds a Job (see `comparing.job`). The outcome comes back as files in its folder: progress.txt while it runs,
-outcome.json and heat.npy at the end, error.txt where it fails. This file runs as a script, outside of its package.
+JOB.json holds a Job (see `compare.window.job`). The outcome comes back as files in its folder: progress.txt while it
+runs, outcome.json and heat.npy at the end, error.txt where it fails. This file runs as a script, outside of its
+package.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def run(job: dict[str, Any], folder: Path) -> Any:
     size = job["width"], job["height"]
     if job["kind"] == "cycles":
         return compare_pictures(job, scene, view_layer, size, results, folder)
-    module = import_module(f"{job['package']}.compare.with_ray_cast")
+    module = import_module(f"{job['package']}.compare.ray_cast.comparison")
     with bpy.context.temp_override(scene=scene, view_layer=view_layer):
         depsgraph = bpy.context.evaluated_depsgraph_get()
         comparison, _ = module.compare_with_ray_cast(scene, depsgraph, *size, job["samples"])
@@ -65,7 +66,7 @@ def compare_pictures(
     """Compare with Cycles; tell the progress by the renders that are done."""
     import bpy
 
-    module = import_module(f"{job['package']}.compare.with_cycles")
+    module = import_module(f"{job['package']}.compare.cycles.comparison")
     total = 2 * (module.BATCHES + module.CENTRE_BATCHES)
     done = 0
 

@@ -1,5 +1,4 @@
-"""What of a comparison is shown: a map of the error, and the worst pixels or rays as a list. Imports NumPy and this
-package; without Blender."""
+"""What of a comparison is shown: a map of the error, and the worst pixels or rays as a list."""
 
 from __future__ import annotations
 
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .flip import flip
+from .cycles.flip import flip
 
 Floats = NDArray[np.floating]
 

@@ -1,7 +1,7 @@
 """Attributes of meshes that materials read: uv maps, colors, any named attribute, Generated coordinates.
 
 Each is read from an evaluated mesh as (v, k) per vertex or (t, 3, k) per corner of the triangles; values per face or
-edge become values at corners. Imports raytracer and this package.
+edge become values at corners.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .meshes import Geometry, read_array, read_corners
-from .node_settings import DEFAULT_COLOR, DEFAULT_UV, GENERATED
+from .shaders.node_settings import DEFAULT_COLOR, DEFAULT_UV, GENERATED
 
 Values = NDArray[Any]
 

@@ -1,7 +1,7 @@
 """Blender's camera to raytracer.Camera.
 
 Cycles' reading of a camera is followed (`intern/cycles/blender/camera.cpp`): scale is removed from the matrix column by
-column, any object may serve as camera, a spot light's cone sets the lens. Imports raytracer and this package.
+column, any object may serve as camera, a spot light's cone sets the lens.
 """
 
 from __future__ import annotations

@@ -2,7 +2,6 @@
 
 An iterator's items die with its next step, so the walk turns each distinct combination of object, instancer and
 data into a Part and copies matrices as it goes: reading all at once with `foreach_get` leaks memory in Blender 4.2.
-Imports raytracer and this package.
 """
 
 from __future__ import annotations
@@ -13,14 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.noise import hash_words
-from raytracer.records import SEEN_BY, SEEN_BY_ALL
+from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
+from raytracer.textures.noise import hash_words
 
 from .kept import Kept
 from .linking import Linked, read_linking
-from .materials import MaterialTable
 from .mesh_table import MeshEntry, MeshTable
 from .meshes import Points, extract_points, open_mesh
+from .shaders.materials import MaterialTable
 from .warnings import Warning, WarningList
 
 # Blender's random numbers of instances are whole, 0 to this.

@@ -2,7 +2,7 @@
 
 Blender announces changes to viewports; what was announced, or whatever may have changed where nothing is announced, is
 read and compared, and stays the same record where it is the same. Only arrays and records are kept, no handle to
-Blender's data; with addresses go the `session_uid` of the owners. Imports bpy types and this package.
+Blender's data; with addresses go the `session_uid` of the owners.
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
 Conventions are those of Cycles (`src/scene/light.cpp`, `intern/cycles/blender/light.cpp`): an object's scale
 stretches area lights and spot cones but no radius; without `normalize` the power counts per unit of emitting area
 (per unit of projected solid angle for a sun), which is turned into the power of the whole light here.
-Imports raytracer and this package.
 """
 
 from __future__ import annotations
@@ -15,18 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import raytracer
+from raytracer.scene.lights import Light
 
 from .. import versions
-from .materials import read_constant_emission
-from .nodes import Color, Place
+from .shaders.materials import read_constant_emission
+from .shaders.nodes import Color, Place
 from .warnings import WarningList
 
 Matrix = NDArray[np.float64]
 
 
-def extract_light(
-    light: Any, name: str, world_from_light: Matrix, warnings: WarningList
-) -> raytracer.scene.Light | None:
+def extract_light(light: Any, name: str, world_from_light: Matrix, warnings: WarningList) -> Light | None:
     """Return one light placed by a (4, 4) matrix, or None where it emits nothing."""
     place = Place(warnings, object=name)
     if light.type == "AREA" and versions.is_portal(light):

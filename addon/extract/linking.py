@@ -2,7 +2,7 @@
 
 An object's receiver collection says so: where objects are included, only those are lit, else all but the excluded ones.
 What is in a collection within it has the state of that one; said twice, the last counts. The raytracer wants a set for
-each object and the sets that each emitter lights. Imports raytracer and this package.
+each object and the sets that each emitter lights.
 
 References
 ----------
@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from raytracer.records import ALL_SETS, SET_COUNT
+from raytracer.scene.fields import ALL_SETS, SET_COUNT
 
 from .warnings import WarningList
 

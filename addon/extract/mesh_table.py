@@ -1,7 +1,6 @@
 """The scene's meshes: each evaluated mesh read once, and only if it may have changed since the last extraction.
 
 What is read and turns out to be the same stays the same arrays, so that trees over them need not be built again.
-Imports raytracer and this package.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Evaluated Blender meshes and point clouds to arrays: one read per attribute that is needed, no loop over elements.
 
 Buffers are flat and of Blender's own type, so that `foreach_get` copies memory; everything stays in object space.
-Imports raytracer and this package.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Parts and their places as records of the scene, in world space: instances, spheres, lights.
-
-Imports raytracer and this package.
-"""
+"""Parts and their places as records of the scene, in world space: instances, spheres, lights."""
 
 from __future__ import annotations
 
@@ -11,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import raytracer
+from raytracer.scene.lights import Light
 
 from .instances import ObjectKey, Part, Placements
 from .lights import extract_light
@@ -27,7 +25,7 @@ class Placed:
 
     instances: raytracer.Instances
     spheres: tuple[raytracer.Spheres, ...]
-    lights: tuple[raytracer.scene.Light, ...]
+    lights: tuple[Light, ...]
     objects: tuple[ObjectKey, ...]
 
 

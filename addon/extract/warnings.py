@@ -1,7 +1,4 @@
-"""What the extraction could not honour, as plain records for the panel, the command line and JSON.
-
-Imports the standard library only.
-"""
+"""What the extraction could not honour, as plain records for the panel, the command line and JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The world: what its shaders send from every direction, as one color or a program. Imports raytracer and this package.
+"""The world: what its shaders send from every direction, as one color or a program.
 
 Shaders that shine add up to one value. Rays that the world is hidden from (Ray Visibility) see black, which is part of
 the program. What Cycles' samples of light cannot tell apart, ours cannot either: to them all flags of rays are 0.
@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 import raytracer
-from raytracer.programs import Program, Register, Value
+from raytracer.scene.programs import Program, Register, Value
 
 from .. import versions
-from .images import ImageTable
-from .materials import read_shader
-from .nodes import Place, read_color
-from .programs import ProgramBuilder
+from .shaders.images import ImageTable
+from .shaders.materials import read_shader
+from .shaders.nodes import Place, read_color
+from .shaders.programs import ProgramBuilder
 from .warnings import WarningList
 
 

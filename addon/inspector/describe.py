@@ -1,4 +1,4 @@
-"""The rays of a tree as lines of text for the sidebar, with units. Imports NumPy, raytracer and this package."""
+"""The rays of a tree as lines of text for the sidebar, with units."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.integrator.traced_rays import CAMERA, Hit, Shadow, TracedRay
 from raytracer.lecture import Region
-from raytracer.traced_rays import CAMERA, Hit, Shadow, TracedRay
 
 from .names import Names
 

@@ -1,5 +1,6 @@
 """The lines in every 3D view: in front of objects full, behind them faint. `gpu` is imported where it draws: at the
-head of a module it breaks `blender -b`. Imports bpy."""
+head of a module it breaks `blender -b`.
+"""
 
 from __future__ import annotations
 

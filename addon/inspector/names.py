@@ -1,13 +1,13 @@
-"""From the tracer's numbers back to Blender's names, for the rays of one tree. Imports raytracer and this package."""
+"""From the tracer's numbers back to Blender's names, for the rays of one tree."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from raytracer.traced_rays import EMITTERS, Hit, Shadow, TracedRay
+from raytracer.integrator.traced_rays import EMITTERS, Hit, Shadow, TracedRay
 
-from ..extract import Extraction
+from ..extract.scene import Extraction
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Operators of the ray inspector. Imports bpy."""
+"""Operators of the ray inspector."""
 
 # ruff: noqa: N801  (Blender prescribes the form of class names)
 

@@ -1,4 +1,4 @@
-"""The sidebar tab "Ray", in the 3D view and the image editor. Imports bpy."""
+"""The sidebar tab "Ray", in the 3D view and the image editor."""
 
 # ruff: noqa: N801  (Blender prescribes the form of class names and attributes)
 
@@ -9,9 +9,9 @@ from typing import Any
 
 import bpy
 
-from raytracer.traced_rays import CAMERA, PASSED, REFLECTED, REFRACTED, TracedRay
+from raytracer.integrator.traced_rays import CAMERA, PASSED, REFLECTED, REFRACTED, TracedRay
 
-from ..engine import ENGINE
+from ..properties import ENGINE
 from . import session
 from .describe import Line, describe_dark, describe_hit, describe_ray, describe_shadow
 

@@ -1,10 +1,10 @@
-"""From the mouse to a pixel of the picture, or to a ray of the 3D view. Imports bpy."""
+"""From the mouse to a pixel of the picture, or to a ray of the 3D view."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ..output import read_border
+from ..engine.output import read_border
 
 
 class Place(NamedTuple):

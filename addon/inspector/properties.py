@@ -1,4 +1,4 @@
-"""The rows of the lists in the panels, kept with the window manager: of the session, not of the scene. Imports bpy."""
+"""The rows of the lists in the panels, kept with the window manager: of the session, not of the scene."""
 
 from __future__ import annotations
 

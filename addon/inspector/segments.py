@@ -1,4 +1,4 @@
-"""The rays of a tree as coloured lines. Imports NumPy and raytracer."""
+"""The rays of a tree as coloured lines."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.traced_rays import CAMERA, PASSED, REFLECTED, REFRACTED, Hit, TracedRay
+from raytracer.integrator.traced_rays import CAMERA, PASSED, REFLECTED, REFRACTED, Hit, TracedRay
 
 Color = tuple[float, float, float, float]
 

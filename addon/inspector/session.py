@@ -1,4 +1,4 @@
-"""What was inspected last: in memory, of this session, as plain records. Imports bpy."""
+"""What was inspected last: in memory, of this session, as plain records."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import bpy
 from bpy.app.handlers import persistent
 
 import raytracer
-from raytracer.inspect_ray import Inspector, make_inspector
-from raytracer.traced_rays import TracedRay
+from raytracer.integrator.inspect_ray import Inspector, make_inspector
+from raytracer.integrator.traced_rays import TracedRay
 
-from ..extract import Extraction, extract_scene
+from ..extract.scene import Extraction, extract_scene
 from ..properties import settings_keywords
 from . import drawing
 from .describe import find_depth, order_rays, title_ray

@@ -1,4 +1,4 @@
-"""The built-in panels that the engine joins, and leaves again. Imports bpy.
+"""The built-in panels that the engine joins, and leaves again.
 
 A panel is shown for the engines in its `COMPAT_ENGINES`. Most of Blender's carry BLENDER_RENDER, the mark of settings
 that any engine may follow; those for things this engine does not follow are left out. The few of EEVEE's that edit
@@ -12,7 +12,7 @@ from typing import Any
 
 import bpy
 
-from ..engine import ENGINE
+from ..properties import ENGINE
 
 # Built-in panels marked BLENDER_RENDER for what the engine does not follow, or replaced by a better one of its own.
 LEFT_OUT = (

@@ -1,4 +1,4 @@
-"""The render tab: what the last render took, and what it did not show as the scene says. Imports bpy."""
+"""The render tab: what the last render took, and what it did not show as the scene says."""
 
 # ruff: noqa: N801  (Blender prescribes the form of class names)
 
@@ -10,8 +10,8 @@ from typing import Any
 import bpy
 from bpy.props import StringProperty
 
+from ..engine.statistics import Statistics, last_render
 from ..extract.warnings import Warning
-from ..statistics import Statistics, last_render
 from .shared import RenderPanel, count_letters, wrap_text
 
 # More would fill the tab; the console has all.

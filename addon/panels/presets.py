@@ -1,4 +1,4 @@
-"""Presets of the panel Sampling, in Blender's own menu; those that come along are in `presets/`. Imports bpy."""
+"""Presets of the panel Sampling, in Blender's own menu; those that come along are in `presets/`."""
 
 # ruff: noqa: N801, RUF012  (Blender prescribes the form of class names and attributes)
 
@@ -11,7 +11,7 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
-from ..engine import ENGINE
+from ..properties import ENGINE
 
 FOLDER = "reference_raytracer/sampling"
 # The settings that a preset holds.

@@ -1,4 +1,4 @@
-"""The render tab: settings. Imports bpy."""
+"""The render tab: settings."""
 
 # ruff: noqa: N801, RUF012  (Blender prescribes the form of class names and attributes)
 

@@ -1,4 +1,4 @@
-"""The tabs of light, object, material and world. Imports bpy."""
+"""The tabs of light, object, material and world."""
 
 # ruff: noqa: N801, RUF012  (Blender prescribes the form of class names and attributes)
 

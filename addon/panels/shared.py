@@ -1,11 +1,11 @@
-"""What panels have in common. Imports bpy."""
+"""What panels have in common."""
 
 from __future__ import annotations
 
 import textwrap
 from typing import Any
 
-from ..engine import ENGINE
+from ..properties import ENGINE
 
 
 class EnginePanel:

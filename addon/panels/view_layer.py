@@ -1,4 +1,4 @@
-"""The tab of the view layer. Imports bpy."""
+"""The tab of the view layer."""
 
 # ruff: noqa: N801, RUF012  (Blender prescribes the form of class names and attributes)
 

@@ -3,7 +3,7 @@
 To bring a large picture to the graphics card takes longer than Blender should wait. So it goes there in bands of rows,
 a few at a time, and takes the place of the last one when all are there. Viewports are drawn in linear light, which
 Blender transforms to the display's colors. `gpu` is imported where it is used: at module level it would keep Blender
-from running in the background. Imports raytracer.
+from running in the background.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.progressive import Picture
+from raytracer.rendering.progressive import Picture
 
 # Seconds of a redraw that pictures may take on their way to the graphics card, and the pixels that go at a time.
 UPLOAD_SECONDS = 0.01

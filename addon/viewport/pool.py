@@ -1,7 +1,7 @@
 """Render processes that wait for a region: one is started before it is needed, and used again by the next.
 
 To start takes a second; the first picture should take a tenth of it. So a process waits as long as a scene of the file
-renders with this engine. Imports bpy, raytracer and this package.
+renders with this engine.
 """
 
 from __future__ import annotations
@@ -11,10 +11,9 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from raytracer.live import Live
+from raytracer.rendering.live import Live
 
-# The engine's identifier; `engine` imports this package.
-ENGINE = "REFERENCE_RAYTRACER"
+from ..properties import ENGINE
 
 _waiting: list[Live] = []
 _subscriber = object()

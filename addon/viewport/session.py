@@ -1,7 +1,7 @@
 """One region in Rendered shading: what it was told to draw last, and what it has so far.
 
 The renderer is a process of its own (`raytracer.live`): Blender only extracts what changed, says where it looks from,
-and looks at pictures when they come. Nothing here draws or needs a window. Imports raytracer and this package.
+and looks at pictures when they come. Nothing here draws or needs a window.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import pickle
 import traceback
 from typing import Any
 
-from raytracer.live import describe_error
-from raytracer.progressive import Picture, Target
+from raytracer.rendering.live import describe_error
+from raytracer.rendering.progressive import Picture, Target
 
-from ..extract import extract_scene
 from ..extract.kept import Kept, read_changes
+from ..extract.scene import extract_scene
 from ..properties import settings_keywords
 from . import pool
 from .views import EmptyBorderError, read_view

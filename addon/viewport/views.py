@@ -2,7 +2,7 @@
 
 The rectangle that is seen comes from Blender's own window matrix, so that picture and overlays lie over each other in
 any view: free, orthographic, or through a camera with its shift, zoom and offset. Where a camera stands comes from its
-object, which has more digits than the view matrix. Imports raytracer and this package.
+object, which has more digits than the view matrix.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import raytracer
-from raytracer.camera import measure_film_extent, measure_fitted_side
+from raytracer.film.camera import measure_film_extent, measure_fitted_side
 
 from ..extract.camera import read_camera
 from ..extract.warnings import WarningList

@@ -9,7 +9,7 @@ import bpy
 import pytest
 
 import addon
-from tests.addon.shader_trees import give_nodes
+from tests.addon.extract.shaders.shader_trees import give_nodes
 
 
 @pytest.fixture(autouse=True, scope="session")

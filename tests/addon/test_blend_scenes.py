@@ -4,7 +4,7 @@ import bpy
 import pytest
 
 import addon
-from addon.extract import extract_scene
+from addon.extract.scene import extract_scene
 from blend_scenes import building
 from blend_scenes.make_all import build_scene, list_scenes
 

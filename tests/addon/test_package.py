@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.addon.engine_fixtures import read_image, save_plane
+from tests.addon.engine.engine_fixtures import read_image, save_plane
+from tests.folders import ROOT
 
-ROOT = Path(__file__).parents[2]
 BLENDER = os.environ.get("BLENDER", "")
 
 # Runs in a process of its own, with only the installed extension: argv holds the .zip, the .blend and the picture.

@@ -18,8 +18,8 @@ import numpy as np
 
 import raytracer
 from tests.benchmarks.timing import take_turns
+from tests.folders import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT, SAMPLES = 240, 160, 1
 GRID = 24  # boxes along each side of the plain scene
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
@@ -63,23 +63,23 @@ FEATURES = {
         ("area_lights.py", "sample_area"),
     ),
     "world": (lambda: make_scene(world=raytracer.World(0.3)), {}, ("environment.py", "environment_density")),
-    "mirror": (lambda: make_scene(raytracer.Closure("glossy")), {}, ("scatter.py", "sample_continuation")),
+    "mirror": (lambda: make_scene(raytracer.Closure("glossy")), {}, ("bsdf.py", "sample_continuation")),
     "rough reflection": (
         lambda: make_scene(raytracer.Closure("glossy", roughness=0.3)),
         {},
-        ("facets.py", "sample_visible_normals"),
+        ("distributions.py", "sample_visible_normals"),
     ),
     "transparency": (
         lambda: make_scene(raytracer.Closure("principled", alpha=0.7, roughness=1.0)),
         {},
-        ("direct_light.py", "_see_through"),
+        ("shadow_rays.py", "_see_through"),
     ),
     "emission": (
         lambda: make_scene(raytracer.Closure("emission", color=0.5)),
         {},
         ("emitters.py", "emitter_density"),
     ),
-    "smooth normals": (lambda: make_scene(normals=True), {}, ("surface.py", "gather_corners")),
+    "smooth normals": (lambda: make_scene(normals=True), {}, ("surface_tables.py", "gather_corners")),
     "spheres": (lambda: make_scene(spheres=True), {}, ("surface.py", "_sphere_points")),
     "passes from the centre": (
         make_scene,

@@ -70,7 +70,7 @@ def compare_file(name, size=SIZE, samples=SAMPLES):
     import bpy
 
     import addon
-    from addon.compare.with_cycles import compare_with_cycles
+    from addon.compare.cycles.comparison import compare_with_cycles
 
     if not hasattr(bpy.types.Scene, "reference_raytracer"):
         addon.register()

@@ -3,11 +3,10 @@ numbers, and Cycles; direct light on two scenes with wide lamps."""
 
 from __future__ import annotations
 
-import importlib
-
 import numpy as np
 
 import raytracer
+from raytracer.rendering import blocks
 from tests.benchmarks.pictures import CYCLES, fit_power, measure_noise, open_scene, render_repeatedly
 
 SCENES = ("penumbra", "cornell_box")
@@ -43,7 +42,7 @@ def measure_convergence(progress):
 
 def extract(view_layer):
     """Return (raytracer.Scene, Caster) of an open Blender scene."""
-    from addon.extract import extract_scene
+    from addon.extract.scene import extract_scene
 
     view_layer.update()
     extracted = extract_scene(view_layer.depsgraph).scene
@@ -61,15 +60,13 @@ def render_ours(extracted, samples, interleaving, seed=0):
 def render_picture(extracted, samples, interleaving, seed):
     """Return Combined (h, w, 4), sampled through a box filter."""
     scene, caster = extracted
-    # The function `raytracer.render` hides the module of that name.
-    module = importlib.import_module("raytracer.render")
-    chosen = module.choose_interleaving
-    module.choose_interleaving = lambda pixels, count, shown: interleaving
+    chosen = blocks.choose_interleaving
+    blocks.choose_interleaving = lambda pixels, count, shown: interleaving
     try:
         settings = {"pixel_filter": "box", "seed": seed, "max_bounces": 0}
         return raytracer.render(scene, *SIZE, samples, caster=caster, **settings)["Combined"]
     finally:
-        module.choose_interleaving = chosen
+        blocks.choose_interleaving = chosen
 
 
 def render_random(extracted):

@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 
 import raytracer
-from raytracer.accelerate.caster import BATCH_RAYS
-from raytracer.accelerate.search import Search
-from raytracer.rays import make_rays
+from raytracer.casting.caster import BATCH_RAYS
+from raytracer.casting.query import Search
+from raytracer.casting.rays import make_rays
 from tests.benchmarks.peers import Answer, Built, Peer
 
 PREFIX = "raytracer, "

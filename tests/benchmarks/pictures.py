@@ -37,7 +37,7 @@ def open_scene(name, persistent=True, size=(WIDTH, HEIGHT)):
     import bpy
 
     import addon
-    from addon.compare.rendering import changed, matched_settings
+    from addon.compare.cycles.rendering import changed, matched_settings
 
     if not hasattr(bpy.types.Scene, "reference_raytracer"):
         addon.register()
@@ -53,14 +53,14 @@ def open_scene(name, persistent=True, size=(WIDTH, HEIGHT)):
 
 def make_request(scene, samples, seed=0):
     """Return the Request of a render through a box filter of one pixel."""
-    from addon.compare.rendering import Request
+    from addon.compare.cycles.rendering import Request
 
     return Request(WIDTH, HEIGHT, samples, scene.reference_raytracer.max_bounces, seed=seed)
 
 
 def render_repeatedly(scene, view_layer, engine, samples, repeats=2):
     """Render one picture with several seeds; return Renders."""
-    from addon.compare import rendering
+    from addon.compare.cycles import rendering
 
     names = {OURS: rendering.ENGINE, CYCLES: rendering.CYCLES}
     set_samples(scene, samples)
@@ -77,7 +77,7 @@ def render_repeatedly(scene, view_layer, engine, samples, repeats=2):
 def set_samples(scene, samples):
     """Set the number of samples of both engines; Cycles takes those after the first `samples` of its sequence, for its
     very first sample goes through the pixel's centre."""
-    from addon.compare.rendering import skip_samples
+    from addon.compare.cycles.rendering import skip_samples
 
     scene.reference_raytracer.samples = samples
     scene.cycles.samples = samples

@@ -1,4 +1,4 @@
-"""The benchmark's numbers as plots. Imports matplotlib, which draws to files only."""
+"""The benchmark's numbers as plots."""
 
 from __future__ import annotations
 

@@ -14,10 +14,11 @@ from tests.benchmarks.tables import describe_run, write_accuracy, write_pictures
 
 ACCURACY_HEAD = """# Accuracy
 
-The same rays for every peer, against an exact oracle (integers, brute force, `tests/exact_oracle.py`). Coordinates and
-directions are float32 numbers, so nobody's input is rounded; "vertex" and "edge" rays go exactly through one. A
-primitive counts as right if it is exactly first; the certified mode has to name the lowest of them. |dt| is in units of
-the last place of float64 (one of float32 is 5.4e8 of them). `0 (< x)`: none seen, so below x with 95% confidence.
+The same rays for every peer, against an exact oracle (integers, brute force, `tests/oracle/exact_oracle.py`).
+Coordinates and directions are float32 numbers, so nobody's input is rounded; "vertex" and "edge" rays go exactly
+through one. A primitive counts as right if it is exactly first; the certified mode has to name the lowest of them.
+|dt| is in units of the last place of float64 (one of float32 is 5.4e8 of them). `0 (< x)`: none seen, so below x with
+95% confidence.
 
 ![error against time](error_against_time.png)
 ![wrong answers](failures.png)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import raytracer
-from raytracer.accelerate.geometry import world_corners
+from raytracer.casting.geometry import world_corners
 from tests import meshes
 from tests.benchmarks.ray_sets import Target, snap
 

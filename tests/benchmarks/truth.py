@@ -11,8 +11,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from tests import exact_oracle
-from tests.exact_numbers import Surd, is_within, round_to_float
+from tests.oracle import exact_oracle
+from tests.oracle.exact_numbers import Surd, is_within, round_to_float
 
 # Binary digits of the root when an irrational distance is split: far beyond the 106 of two float64.
 ROOT_BITS = 200

@@ -19,12 +19,13 @@ WAIT_SECONDS = 120.0
 def open_compare() -> None:
     """Let the panel Compare start open, and the others closed."""
     stage.import_addon()
-    from addon import comparing, panels
+    from addon import panels
+    from addon.compare import window
 
     for panel in panels.CLASSES:
         if getattr(panel, "bl_context", "") == "render":
             panel.bl_options = {"DEFAULT_CLOSED"}
-    comparing.panels.RAYTRACER_RENDER_PT_compare.bl_options = set()
+    window.panels.RAYTRACER_RENDER_PT_compare.bl_options = set()
 
 
 open_compare()
@@ -127,7 +128,7 @@ def record_outcome(name: str) -> stage.Step:
     """Return a step that writes down what came out."""
 
     def step() -> float:
-        from addon.comparing import session
+        from addon.compare.window import session
 
         outcome = session.find_outcome()
         stage.record[name] = outcome.as_plain() if outcome else None
@@ -144,7 +145,7 @@ def click_worst(name: str) -> stage.Step:
     """Return a step that chooses a row of the list."""
 
     def step() -> float:
-        from addon.comparing import session
+        from addon.compare.window import session
 
         bpy.context.window_manager.reference_raytracer_comparison.worst_index = 0
         verdicts = session.find_verdicts()

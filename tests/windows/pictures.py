@@ -21,12 +21,13 @@ ROW = 1
 def open_results() -> None:
     """Let the panels of results start open, and those of settings closed."""
     stage.import_addon()
-    from addon import comparing, panels
+    from addon import panels
+    from addon.compare import window
 
     for panel in panels.render.CLASSES:
         if panel.__name__ != "RAYTRACER_RENDER_PT_sampling":
             panel.bl_options = {"DEFAULT_CLOSED"}
-    comparing.panels.RAYTRACER_RENDER_PT_compare.bl_options = set()
+    window.panels.RAYTRACER_RENDER_PT_compare.bl_options = set()
 
 
 open_results()

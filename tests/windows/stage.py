@@ -4,7 +4,7 @@
 
 A step is a function; what it returns is the number of seconds to wait before the next, None for one redraw's time.
 FOLDER gets `report.json`, with what the steps recorded, and the pictures. Blender ends after the last step, with code 0
-only if none raised. Imports bpy.
+only if none raised.
 """
 
 from __future__ import annotations

@@ -18,9 +18,10 @@ CLOSED = ("DATA_PT_camera_dof", "DATA_PT_camera_dof_aperture", "OBJECT_PT_visibi
 def open_panels() -> None:
     """Let panels start open: the panels' state of a new area comes from there."""
     stage.import_addon()
-    from addon import comparing, panels
+    from addon import panels
+    from addon.compare import window
 
-    for panel in (*panels.CLASSES, *comparing.panels.CLASSES):
+    for panel in (*panels.CLASSES, *window.panels.CLASSES):
         if hasattr(panel, "bl_options") and issubclass(panel, bpy.types.Panel):
             panel.bl_options = set(panel.bl_options) - {"DEFAULT_CLOSED"}
     for name in CLOSED:

@@ -16,7 +16,8 @@ from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.folders import ROOT
+
 COMMAND = shlex.split(os.environ.get("BLENDER_WINDOW", ""))
 OPTIONS = ("--window-geometry", "0", "0", "1600", "1000", "--factory-startup", "--enable-event-simulate")
 SMALLEST_PICTURE = 20_000  # bytes; a black screen has fewer

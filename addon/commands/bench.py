@@ -1,0 +1,54 @@
+"""Measure speed against error, side by side with the other ray casters that are installed.
+
+The benchmark itself lives beside the exact oracle it judges by, in the repository's tests (`tests.benchmarks`): it is
+no part of the installed extension. This module is the command.
+"""
+
+from __future__ import annotations
+
+import argparse
+from importlib import import_module
+
+from .command_line import CommandError
+from .render import parse_positive
+
+PICTURES = ("convergence", "equal_error", "ablation", "memory", "workers")
+SECTIONS = ("accuracy", "spheres", "cost", "speed", *PICTURES)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `bench`."""
+    parser.add_argument(
+        "--sections", nargs="+", choices=SECTIONS, default=list(SECTIONS), metavar="SECTION",
+        help=f"what to measure, some of {', '.join(SECTIONS)}; default: everything",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rays", type=parse_positive, default=4096, metavar="N", help="rays per set of the accuracy; default 4096"
+    )
+    parser.add_argument(
+        "--speed-rays", type=parse_positive, default=1 << 18, metavar="N",
+        help="rays that are timed together; default 262144",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rounds",
+        type=parse_positive,
+        default=3,
+        metavar="N",
+        help="timed casts of which the median counts; default 3",
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers; default 0")
+    parser.add_argument(
+        "--large", action="store_true", help="speed on a million triangles and equal error on every scene, too"
+    )
+    parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run `bench`: print JSON or tables."""
+    try:
+        benchmark = import_module("tests.benchmarks.run")
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] != "tests":
+            raise
+        raise CommandError("bench: the benchmark is part of the repository's tests; run it from there") from None
+    benchmark.run(arguments)

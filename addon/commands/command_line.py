@@ -1,0 +1,137 @@
+"""What the commands of `python -m addon` share: errors in one line, a silent Blender, opening a file.
+
+bpy is imported where it is used, so that `--help` answers at once and without it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import IO, Any, NoReturn
+
+# A command's module offers add_arguments(parser) and run(arguments); its first line of documentation is its help.
+COMMANDS = {"render": ".render", "compare": ".compare", "bench": ".bench"}
+# Those that need no more than the installed extension.
+INSTALLED_COMMANDS = ("render", "compare")
+PROGRAM = "python -m addon"
+
+# First bytes of a .blend: plain, compressed by gzip (before Blender 3.0) and by Zstandard.
+BLEND_SIGNATURES = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")
+
+
+class CommandError(Exception):
+    """Something the user can put right; the message is one sentence."""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """Print one line instead of argparse's usage and line."""
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def build_parser(program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
+    """Return the parser of the commands `names`; program : what the user has typed before them."""
+    parser = _Parser(prog=program, description="The Reference Ray Tracer on the command line.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name in names:
+        module = import_module(COMMANDS[name], __package__)
+        summary = (module.__doc__ or "").splitlines()[0]
+        command = commands.add_parser(name, help=summary, description=summary)
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None, program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS)) -> int:
+    """Run one command of `names`; return the exit code, 0 only on success."""
+    arguments = build_parser(program, names).parse_args(argv)
+    silence_blender()
+    try:
+        arguments.run(arguments)
+    except KeyboardInterrupt:
+        return _print_error("interrupted")
+    except OSError as error:
+        return _print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except Exception as error:
+        if sys.flags.dev_mode:  # python -X dev -m addon ...: for developers, with the traceback
+            raise
+        known = isinstance(error, CommandError | ValueError | MemoryError)
+        return _print_error(str(error) if known else f"internal error, {type(error).__name__}: {error}")
+    return 0
+
+
+def _print_error(reason: str) -> int:
+    print(f"error: {' '.join(reason.split())}", file=sys.stderr)
+    return 1
+
+
+def silence_blender() -> None:
+    """Let what Blender prints vanish, for the rest of the process: only Python's own streams still reach the user.
+
+    Blender prints from C++ to the file descriptors 1 and 2, into buffers that are written at any later time; so the
+    descriptors themselves lead nowhere, and `sys.stdout` and `sys.stderr` go on with copies of the old ones.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    sys.stdout = _reopen(sys.stdout)
+    sys.stderr = _reopen(sys.stderr)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        os.dup2(nowhere.fileno(), 2)
+
+
+def _reopen(stream: Any) -> IO[str]:
+    return os.fdopen(os.dup(stream.fileno()), "w", encoding=stream.encoding, errors=stream.errors, buffering=1)
+
+
+def first_line(message: str) -> str:
+    """Return the first line of what an operator reported, without its 'Error: '."""
+    return message.strip().splitlines()[0].removeprefix("Error: ")
+
+
+@contextlib.contextmanager
+def hide_python_output() -> Iterator[None]:
+    """Hide what scripts of Blender's print through Python."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        yield
+
+
+def open_blend(path: str) -> Any:
+    """Open a .blend with the render engine registered; return bpy.
+
+    Raises
+    ------
+    CommandError
+        If there is no such file, or it is not a .blend.
+    """
+    file = Path(path)
+    check_blend(file)
+    import bpy
+
+    from ..registration import register
+
+    if not hasattr(bpy.types.Scene, "reference_raytracer"):  # inside the application it is there already
+        register()
+    try:
+        with hide_python_output():
+            bpy.ops.wm.open_mainfile(filepath=str(file.resolve()), load_ui=False)
+    except RuntimeError as error:
+        raise CommandError(f"{path}: {first_line(str(error))}") from None
+    return bpy
+
+
+def check_blend(file: Path) -> None:
+    """Raise CommandError unless `file` exists and begins as a .blend does."""
+    if not file.exists():
+        raise CommandError(f"{file}: no such file")
+    if not file.is_file():
+        raise CommandError(f"{file}: not a file")
+    with file.open("rb") as content:
+        if not content.read(8).startswith(BLEND_SIGNATURES):
+            raise CommandError(f"{file}: not a .blend file")

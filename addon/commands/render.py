@@ -1,0 +1,223 @@
+"""Render a .blend into a PNG or EXR file.
+
+The picture comes from Blender's own render operator, so it is the one that F12 and `blender -b` give: a PNG has the
+scene's view transform, an EXR is scene linear, 32 bits, with layers where passes are asked for. bpy is imported where
+it is used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from .command_line import CommandError, first_line, hide_python_output, open_blend
+
+SUFFIXES = (".png", ".exr")
+PRECISIONS = ("certified", "float64", "float32")
+JSON_KEYS = (
+    *("passes", "width", "height", "samples", "triangles", "rays"),
+    *("build_seconds", "trace_seconds", "total_seconds", "peak_memory_mb", "warnings"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `render`."""
+    parser.add_argument("file", metavar="FILE.blend", help="the scene")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT.png|.exr", help="the picture to write")
+    frames = parser.add_mutually_exclusive_group()
+    frames.add_argument("--frame", type=int, metavar="N", help="frame to render; default: the file's current one")
+    frames.add_argument(
+        "--frames", type=parse_frames, metavar="A-B", help="frames to render; #### in OUT, or its end, takes the number"
+    )
+    parser.add_argument("--size", type=parse_size, metavar="WxH", help="pixels; default: the file's, as in the rest")
+    parser.add_argument("--samples", type=parse_positive, metavar="N", help="samples per pixel")
+    parser.add_argument("--bounces", type=parse_count, metavar="N", help="most bounces of a path, of any kind")
+    parser.add_argument("--workers", type=parse_count, metavar="N", help="processes; 0: one for each processor")
+    parser.add_argument("--passes", type=parse_names, metavar="A,B", help="passes of a multilayer EXR: Depth,Normal")
+    parser.add_argument("--precision", choices=PRECISIONS, help="how intersections are computed")
+    parser.add_argument("--json", action="store_true", help="print what the render took, one line for each frame")
+
+
+def parse_frames(text: str) -> range:
+    """Return the frames of 'A-B', both included."""
+    match = re.fullmatch(r"(-?\d+)-(-?\d+)", text)
+    if not match or int(match[1]) > int(match[2]):
+        raise argparse.ArgumentTypeError(f"expected first-last, such as 1-24, got {text!r}")
+    return range(int(match[1]), int(match[2]) + 1)
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Return (width, height) of 'WxH'; Blender renders from 4 to 65536 pixels a side."""
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    if not match or not all(4 <= int(side) <= 65536 for side in match.groups()):
+        raise argparse.ArgumentTypeError(f"expected WxH with sides from 4 to 65536, such as 640x360, got {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def parse_count(text: str, lowest: int = 0) -> int:
+    """Return a whole number of at least `lowest`."""
+    if not re.fullmatch(r"\d+", text) or int(text) < lowest:
+        raise argparse.ArgumentTypeError(f"expected a whole number of {lowest} or more, got {text!r}")
+    return int(text)
+
+
+def parse_positive(text: str) -> int:
+    """Return a whole number of at least 1."""
+    return parse_count(text, lowest=1)
+
+
+def parse_names(text: str) -> tuple[str, ...]:
+    """Return the names of a list with commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Render the frames asked for; print one line for each."""
+    output = check_output(Path(arguments.output), arguments.passes)
+    bpy = open_blend(arguments.file)
+    scene = bpy.context.scene
+    apply_arguments(scene, arguments)
+    frames = arguments.frames or [scene.frame_current if arguments.frame is None else arguments.frame]
+    for frame in frames:
+        path = number_path(output, frame) if arguments.frames else output
+        scene.frame_set(frame)
+        taken = render_frame(bpy, scene, path)
+        print_result(path, taken, arguments.json)
+
+
+def check_output(path: Path, passes: tuple[str, ...] | None) -> Path:
+    """Return `path`, or raise CommandError where a picture could not be written to it after a long render."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise CommandError(f"{path}: expected a name that ends in {' or '.join(SUFFIXES)}")
+    if passes and path.suffix.lower() != ".exr":
+        raise CommandError(f"{path}: passes need an .exr file")
+    if path.is_dir():
+        raise CommandError(f"{path}: is a folder")
+    if not path.parent.is_dir():
+        raise CommandError(f"{path.parent}: no such folder")
+    is_new = not path.exists()
+    with path.open("ab"):  # the one sure way to know; OSError says why not
+        pass
+    if is_new:
+        path.unlink()
+    return path
+
+
+def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
+    """Set what the command line asks for on a Blender scene; the rest stays as the file has it."""
+    from ..properties import ENGINE
+    from ..versions import set_image_format
+
+    render, settings = scene.render, scene.reference_raytracer
+    render.engine = ENGINE
+    if arguments.size:
+        render.resolution_x, render.resolution_y = arguments.size
+        render.resolution_percentage = 100
+    for name, value in (
+        ("samples", arguments.samples),
+        *((f"{kind}_bounces", arguments.bounces) for kind in ("max", "diffuse", "glossy", "transmission")),
+        ("workers", arguments.workers),
+        ("precision", arguments.precision and arguments.precision.upper()),
+    ):
+        if value is not None:
+            setattr(settings, name, value)
+    if arguments.passes:
+        enable_named_passes(scene, arguments.passes)
+    if Path(arguments.output).suffix.lower() == ".png":
+        set_image_format(render.image_settings, "PNG")
+    else:
+        set_image_format(render.image_settings, "OPEN_EXR_MULTILAYER" if arguments.passes else "OPEN_EXR")
+        render.image_settings.color_depth = "32"
+    render.image_settings.color_mode = "RGBA" if render.film_transparent else "RGB"
+    render.image_settings.color_management = "FOLLOW_SCENE"
+    render.use_multiview = False
+
+
+def enable_named_passes(scene: Any, names: tuple[str, ...]) -> None:
+    """Switch on the passes `names` in every view layer, and no others."""
+    from ..passes import PASSES, enable_passes
+
+    unknown = [name for name in names if name not in PASSES]
+    if unknown:
+        raise CommandError(f"unknown pass {unknown[0]!r}: expected some of {', '.join(PASSES)}")
+    for view_layer in scene.view_layers:
+        enable_passes(view_layer, names)
+
+
+def number_path(path: Path, frame: int) -> Path:
+    """Return the file of one frame: its number in place of the last run of #, else four digits before the suffix."""
+    digits = re.findall("#+", path.stem)
+    stem = path.stem if digits else path.stem + "####"
+    width = len(digits[-1]) if digits else 4
+    before, after = stem.rsplit("#" * width, 1)
+    return path.with_name(f"{before}{frame:0{width}}{after}{path.suffix}")
+
+
+def render_frame(bpy: Any, scene: Any, path: Path) -> Any:
+    """Render the current frame into `path`; return its Statistics.
+
+    Blender's FINISHED proves nothing, and it reads braces in a path as a template: the picture goes to a fresh folder
+    of ours first, and only one that is there moves on.
+    """
+    from ..engine.statistics import forget_all, last_render
+
+    forget_all()
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder) / f"picture{path.suffix.lower()}"
+        scene.render.filepath = str(picture)
+        scene.render.use_file_extension = False
+        with show_progress(path.name), hide_python_output():
+            try:
+                bpy.ops.render.render(write_still=True, scene=scene.name)
+            except RuntimeError as error:
+                raise CommandError(first_line(str(error))) from None
+        if not picture.exists() or not picture.stat().st_size:
+            raise CommandError(f"{path}: Blender wrote no picture")
+        shutil.move(picture, path)
+    taken = last_render(scene)
+    if taken is None:
+        raise CommandError(f"{path}: the scene's video sequencer made the picture, not the render engine")
+    return taken
+
+
+@contextlib.contextmanager
+def show_progress(label: str) -> Iterator[None]:
+    """Show a progress bar on standard error while rendering: on a terminal, where tqdm is installed."""
+    from ..engine.engine import progress_listeners
+
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        yield
+        return
+    layout = "{desc}: {percentage:3.0f}%|{bar}| {elapsed} < {remaining}"
+    with tqdm(total=1.0, desc=label, file=sys.stderr, disable=None, bar_format=layout) as bar:
+
+        def listener(share: float) -> None:
+            bar.update(share - bar.n)
+
+        progress_listeners.append(listener)
+        try:
+            yield
+        finally:
+            progress_listeners.remove(listener)
+
+
+def print_result(path: Path, taken: Any, as_json: bool) -> None:
+    """Print the picture's path on standard output and its warnings on standard error, or all as one line of JSON."""
+    if as_json:
+        values = {**asdict(taken), "warnings": list(map(str, taken.warnings))}
+        print(json.dumps({key: values[key] for key in JSON_KEYS}), flush=True)
+        return
+    for warning in taken.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    print(path, flush=True)

@@ -1,0 +1,184 @@
+"""This engine's picture against Cycles' of the same .blend: is every difference noise, and if not, how large is it?
+
+Combined is rendered in several independent batches by both engines and put to the tests of `metrics`. The other passes
+are rendered through the centres of the pixels, where both engines should see the same point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...properties import BOUNCE_LIMITS
+from ..picture import save_png, show_heat, show_linear
+from . import metrics
+from .flip import flip, mean_flip
+from .rendering import Rendering, Request, render_both
+
+# Passes that hold one value per surface point, and those that hold one whole number.
+POINT_PASSES = ("Depth", "Position", "Normal", "UV", "Diffuse Color", "Emission")
+INDEX_PASSES = ("Object Index", "Material Index")
+# The narrowest filter that both engines know, pixels.
+CENTRE_WIDTH = 0.01
+CENTRE_BATCHES = 8
+# Points of a surface count as the same if they are no farther apart than this share of a pixel.
+SAME_POINT = 0.01
+BATCHES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class PassDifference:
+    """How a pass of ours differs from Cycles'.
+
+    differing : (h, w) bool, pixels whose difference float32 does not explain
+    largest_elsewhere : the largest difference in the other pixels, in the pass's own unit
+    ours, cycles : (h, w, c) float32, one render of each
+    """
+
+    differing: NDArray[np.bool_]
+    largest_elsewhere: float
+    ours: NDArray[np.floating]
+    cycles: NDArray[np.floating]
+
+    @property
+    def share(self) -> float:
+        return float(self.differing.mean())
+
+
+@dataclass(frozen=True, eq=False)
+class CyclesComparison:
+    """Combined of both engines in batches (k, h, w, 4) of `samples` each, and the differences of the passes by name."""
+
+    samples: int
+    ours: Rendering
+    cycles: Rendering
+    passes: dict[str, PassDifference]
+
+    def summarise(self) -> dict[str, Any]:
+        """Return the numbers that the command line prints, one JSON object."""
+        ours, cycles = self.ours.passes["Combined"][..., :3], self.cycles.passes["Combined"][..., :3]
+        mean_ours, mean_cycles = ours.mean(axis=0, dtype=np.float64), cycles.mean(axis=0, dtype=np.float64)
+        tiles = metrics.measure_tiles(ours, cycles)
+        return {
+            "rmse": metrics.root_mean_square_error(mean_ours, mean_cycles),
+            "rel_mse": metrics.relative_mean_square_error(mean_ours, mean_cycles),
+            "flip": mean_flip(mean_ours, mean_cycles),
+            "z_fail_share": metrics.share_failing_pixels(ours, cycles, self.samples),
+            "tile_error": metrics.largest_tile_difference(mean_ours, mean_cycles),
+            "tile_noise": tiles.noise,
+            "tile_bias": tiles.bias,
+            "passes": {name: difference.share for name, difference in self.passes.items()},
+            "ours_seconds": self.ours.seconds,
+            "cycles_seconds": self.cycles.seconds,
+        }
+
+    def save_picture(self, path: str | Path) -> None:
+        """Write a PNG of ours, Cycles' and the FLIP error between them, side by side."""
+        means = [side.passes["Combined"][..., :3].mean(axis=0) for side in (self.ours, self.cycles)]
+        panels = [*(show_linear(mean) for mean in means), show_heat(flip(*means))]
+        save_png(path, np.concatenate(panels, axis=1))
+
+
+def compare_with_cycles(
+    scene: Any, view_layer: Any, width: int, height: int, samples: int, batches: int = BATCHES
+) -> CyclesComparison:
+    """Render a scene with both engines and compare.
+
+    Parameters
+    ----------
+    scene, view_layer : bpy.types.Scene and one of its view layers; their settings are put back afterwards
+    samples : per pixel, shared out among `batches`, at least one each
+    """
+    chosen = scene.reference_raytracer
+    picture = Request(
+        *(width, height, max(1, samples // batches), chosen.max_bounces, batches),
+        integrator=chosen.integrator,
+        limits={name: getattr(chosen, name) for name in BOUNCE_LIMITS},
+    )
+    ours, cycles = render_both(scene, view_layer, picture)
+    return CyclesComparison(picture.samples, ours, cycles, compare_passes(scene, view_layer, width, height))
+
+
+def compare_passes(scene: Any, view_layer: Any, width: int, height: int) -> dict[str, PassDifference]:
+    """Render the passes through the pixel centres with both engines, and return their differences by name.
+
+    Cycles takes the first sample of a pixel through its centre, and reads its offset, nought, from a table of its pixel
+    filter; half a step of the table is left of it, which the narrowest filter makes smallest. So does this engine for
+    Depth, Position and the indices; its Normal comes from a sample within `CENTRE_WIDTH`, a few of which are taken.
+    """
+    names = ("Combined", *POINT_PASSES, *INDEX_PASSES)
+    centres = Request(
+        width,
+        height,
+        samples=1,
+        max_bounces=0,
+        batches=CENTRE_BATCHES,
+        pixel_filter="BLACKMAN_HARRIS",
+        filter_width=CENTRE_WIDTH,
+        through_centre=True,
+        passes=names,
+    )
+    ours, cycles = render_both(scene, view_layer, centres)
+    pairs = {name: (ours.passes[name], cycles.passes[name]) for name in names[1:]}
+    pairs["Alpha"] = ours.passes["Combined"][..., 3:], cycles.passes["Combined"][..., 3:]
+    return {name: compare_pass(name, *pair) for name, pair in pairs.items()}
+
+
+def compare_pass(name: str, ours: NDArray[np.floating], cycles: NDArray[np.floating]) -> PassDifference:
+    """Return where and by how much a pass of both engines, (k, h, w, c) each, differs: the gap between their ranges.
+
+    Cycles' values have a range where chance decides, on what a transparent surface lets through; ours also where they
+    are seen beside the pixel's centre. Ranges of indices have to overlap. Where chance decides nearly always alike, it
+    is the neighbours that show it: such a pixel has to fail the test of means as well.
+    """
+    ours, cycles = ours.astype(np.float64), cycles.astype(np.float64)
+    lowest, highest = ours.min(axis=0), ours.max(axis=0)
+    gap = np.maximum(np.maximum(lowest - cycles.max(axis=0), cycles.min(axis=0) - highest), 0).max(axis=-1)
+    width = (highest - lowest).max(axis=-1)
+    allowed = np.zeros_like(gap) if name in INDEX_PASSES else allow_difference(name, cycles[0], width)
+    differing = ~(gap <= allowed) & metrics.find_failing(ours, cycles, pool=metrics.POOL)
+    return PassDifference(differing, float(gap[~differing].max(initial=0.0)), ours[0], cycles[0])
+
+
+def allow_difference(name: str, cycles: NDArray[np.floating], width: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return (h, w) by how much values of a pass (h, w, c) may lie outside their ranges, of a `width` (h, w).
+
+    By the width of the range (the limb of a sphere), by `SAME_POINT` of the step to the farthest neighbour (Cycles
+    interpolates by float32 barycentric coordinates), by the steps in which Cycles stores normals, by what tables of
+    albedo are right to, and by float32 rounding of the largest value in the picture (a coordinate is the rounded
+    difference of larger ones).
+    """
+    surface = cycles[np.abs(cycles) < BACKGROUND_DEPTH]
+    rounding = metrics.float32_slack(metrics.FLOAT32_OPERATIONS) * np.abs(surface).max(initial=0.0)
+    allowed = np.maximum(width, SAME_POINT * measure_largest_step(cycles)) + rounding
+    if name == "Normal":
+        allowed += NORMAL_STORAGE
+    if name == "Diffuse Color":
+        allowed += ALBEDO_TABLES * np.abs(cycles).max(axis=-1)
+    return allowed
+
+
+# Cycles 5.2 stores a vertex normal in two words of 16 bits, on an octahedron: each is off by up to 1 / 65535, which
+# the way back to the sphere magnifies by up to the square root of 3.
+NORMAL_STORAGE = 2 * 3**0.5 / 65535
+# What a glossy layer leaves to the diffuse one under it is read from tables; ours are right to this share
+# (`raytracer.microfacet_albedo`), Cycles' are means of random samples, printed with six decimals.
+ALBEDO_TABLES = 1e-3
+# Cycles' depth where a ray hits nothing.
+BACKGROUND_DEPTH = 1e10
+
+
+def measure_largest_step(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return (h, w): the largest difference of any channel between a pixel of (h, w, c) and its eight neighbours."""
+    padded = np.pad(values, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    height, width = values.shape[:2]
+    steps = [
+        np.abs(padded[row : row + height, column : column + width] - values).max(axis=-1)
+        for row in range(3)
+        for column in range(3)
+    ]
+    return np.max(steps, axis=0)

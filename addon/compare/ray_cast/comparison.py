@@ -1,0 +1,131 @@
+"""This caster against Blender's Scene.ray_cast: the same rays into the same evaluated scene, differences judged.
+
+Where the two disagree, and on a sample of the rays where they agree, `judge` decides in integers which is wrong.
+Scene.ray_cast knows no point clouds, so spheres are left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.types import Booleans, Floats
+from raytracer.casting.caster import build
+
+from ...extract.scene import Extraction, extract_scene
+from .judge import Judge
+from .rays import Aimed, aim_rays
+from .sides import Answers, Sides, cast_blender, cast_ours, key_of, measure_normal_error
+
+# Rays on which both sides agree and which are judged all the same.
+JUDGED_AGREEING = 256
+
+
+@dataclass(frozen=True, eq=False)
+class RayCastComparison:
+    """The answers of both sides to n rays, and what the judge says.
+
+    position_error, normal_error : (n,) between the two sides, metres and unit vectors; NaN where a side misses
+    judged : (j,) the rays that were judged; ours_wrong, blender_wrong : (j,) bool
+    """
+
+    rays: Aimed
+    ours: Answers
+    blender: Answers
+    position_error: Floats
+    normal_error: Floats
+    judged: NDArray[np.intp]
+    ours_wrong: Booleans
+    blender_wrong: Booleans
+
+    @property
+    def agreeing(self) -> Booleans:
+        """(n,) rays on which both hit the same polygon of the same object."""
+        return find_same(self.ours, self.blender) & (self.ours.target >= 0)
+
+    def summarise(self) -> dict[str, Any]:
+        """Return the numbers that the command line prints, one JSON object."""
+        ours, blender, agreeing = self.ours.target, self.blender.target, self.agreeing
+        both = (ours >= 0) & (blender >= 0)
+        return {
+            "rays": len(ours),
+            "wrong_hit": int(((ours >= 0) != (blender >= 0)).sum()),
+            "wrong_object": int((both & (ours != blender)).sum()),
+            "wrong_polygon": int((both & (ours == blender) & ~agreeing).sum()),
+            "max_position_error": float(self.position_error[agreeing].max(initial=0.0)),
+            "max_normal_error": float(self.normal_error[agreeing].max(initial=0.0)),
+            "judged": len(self.judged),
+            "ours_wrong": int(self.ours_wrong.sum()),
+            "blender_wrong": int(self.blender_wrong.sum()),
+            "ours_seconds": self.ours.seconds,
+            "blender_seconds": self.blender.seconds,
+        }
+
+
+def find_same(ours: Answers, blender: Answers) -> Booleans:
+    """Return (n,) True where both sides hit the same polygon of the same object, or both miss."""
+    return (ours.target == blender.target) & (ours.polygon == blender.polygon)
+
+
+def compare_with_ray_cast(
+    scene: Any, depsgraph: Any, width: int, height: int, count: int, seed: int = 0
+) -> tuple[RayCastComparison, Sides]:
+    """Cast the camera's rays (width x height) and `count` rays of each other family of `aims` on both sides."""
+    sides, extraction = make_sides(scene, depsgraph)
+    rays = aim_rays(sides.caster.geometry, extraction.scene.camera, width, height, count, seed)
+    return compare_sides(sides, rays, seed), sides
+
+
+def make_sides(scene: Any, depsgraph: Any, geometry_only: bool = False) -> tuple[Sides, Extraction]:
+    """Return both sides for what a depsgraph shows; geometry_only : as in `extract_scene`."""
+    extraction = extract_scene(depsgraph, geometry_only=geometry_only)
+    assert extraction.scene.instances is not None
+    matrices = extraction.scene.instances.world_from_object
+    keys = [key_of(shown.name, matrix) for shown, matrix in zip(extraction.objects, matrices, strict=False)]
+    # Instances that look the same to Blender, name and matrix, count as one: the first.
+    target_of_key = {key: number for number, key in reversed(list(enumerate(keys)))}
+    sides = Sides(
+        caster=build(dataclasses.replace(extraction.scene, spheres=())),
+        ray_cast=partial(scene.ray_cast, depsgraph),
+        target_of_instance=np.array([target_of_key[key] for key in keys], dtype=np.int64),
+        target_of_key=target_of_key,
+        polygons=extraction.polygons,
+    )
+    return sides, extraction
+
+
+def compare_sides(sides: Sides, rays: Aimed, seed: int = 0) -> RayCastComparison:
+    """Cast the rays on both sides, and judge where they differ and `JUDGED_AGREEING` of the others."""
+    (ours, hits), blender = cast_ours(sides, rays), cast_blender(sides, rays)
+    same = find_same(ours, blender)
+    sample = np.random.default_rng(seed).permutation(np.flatnonzero(same))[:JUDGED_AGREEING]
+    judged = np.concatenate([np.flatnonzero(~same), np.sort(sample)])
+    return RayCastComparison(
+        rays,
+        ours,
+        blender,
+        np.linalg.norm(ours.location - blender.location, axis=1),
+        measure_normal_error(sides, hits, blender.normal),
+        judged,
+        *judge_answers(sides, rays, judged, (ours, blender)),
+    )
+
+
+def judge_answers(sides: Sides, rays: Aimed, judged: NDArray[np.intp], answers: tuple[Answers, ...]) -> Booleans:
+    """Return (sides, judged) True where a side's answer is none of those that exact arithmetic allows."""
+    judge = Judge(sides.caster.geometry)
+    wrong = np.zeros((len(answers), len(judged)), dtype=bool)
+    for place, ray in enumerate(judged):
+        first = judge.find_first(rays.origins[ray], rays.directions[ray])
+        accepted = {(-1, -1)}
+        if first:
+            targets, polygons = sides.translate(*np.array(sorted(first)).T)
+            accepted = set(zip(targets.tolist(), polygons.tolist(), strict=True))
+        for side, answer in enumerate(answers):
+            wrong[side, place] = (int(answer.target[ray]), int(answer.polygon[ray])) not in accepted
+    return wrong

@@ -1,0 +1,125 @@
+"""A comparison in a process of its own, on a copy of the file as it is now."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..results import Outcome, Worst
+
+CHILD = Path(__file__).parents[1] / "child.py"
+
+
+class ComparisonError(Exception):
+    """The comparison failed; the message is one sentence."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What `compare.child` shall do.
+
+    kind : 'cycles' or 'ray_cast'
+    width, height : pixels of both pictures, or rays of the camera
+    samples : per pixel, or rays of each other family
+    package, root : this add-on's name, and the folder that it is in; paths : where its modules come from
+    """
+
+    kind: str
+    width: int
+    height: int
+    samples: int
+    scene: str
+    view_layer: str
+    frame: int
+    folder: str
+    blend: str
+    package: str
+    root: str
+    paths: tuple[str, ...]
+
+
+class Running:
+    """A comparison that runs; `close` ends it and removes its files."""
+
+    def __init__(self, scene: Any, view_layer: Any, kind: str, size: tuple[int, int], samples: int) -> None:
+        self._files = tempfile.TemporaryDirectory(prefix="raytracer_compare_")
+        self.folder = Path(self._files.name)
+        package = CHILD.parents[1]
+        self.job = Job(
+            kind=kind,
+            width=size[0],
+            height=size[1],
+            samples=samples,
+            scene=scene.name,
+            view_layer=view_layer.name,
+            frame=scene.frame_current,
+            folder=str(self.folder),
+            blend=str(self.folder / "scene.blend"),
+            package=package.name,
+            root=str(package.parent),
+            paths=tuple(filter(None, sys.path)),
+        )
+        bpy.ops.wm.save_as_mainfile(filepath=self.job.blend, copy=True, check_existing=False, compress=False)
+        description = self.folder / "job.json"
+        description.write_text(json.dumps(asdict(self.job)))
+        self._log = (self.folder / "log.txt").open("wb")
+        self._process = subprocess.Popen(
+            [*list_command(), str(description)], stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log
+        )
+
+    def is_done(self) -> bool:
+        """Return whether the process has ended."""
+        return self._process.poll() is not None
+
+    def wait(self) -> None:
+        """Wait for the process to end."""
+        self._process.wait()
+
+    def read_progress(self) -> float:
+        """Return the share that is done, 0 to 1."""
+        path = self.folder / "progress.txt"
+        return float(path.read_text()) if path.exists() else 0.0
+
+    def read_outcome(self) -> Outcome:
+        """Return what came out.
+
+        Raises
+        ------
+        ComparisonError
+            If it failed, with the reason.
+        """
+        if self._process.returncode == 0:
+            plain = json.loads((self.folder / "outcome.json").read_text())
+            worst = [Worst(**entry) for entry in plain["worst"]]
+            return Outcome(plain["kind"], plain["numbers"], np.load(self.folder / "heat.npy"), worst)
+        reason = self.folder / "error.txt"
+        if reason.exists():
+            raise ComparisonError(" ".join(reason.read_text().split()))
+        raise ComparisonError(f"Blender ended with code {self._process.returncode}: {self._read_log_end()}")
+
+    def _read_log_end(self) -> str:
+        lines = (self.folder / "log.txt").read_text(errors="replace").split("\n")
+        return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
+
+    def close(self) -> None:
+        """End the process if it runs, and remove the files."""
+        if not self.is_done():
+            self._process.kill()
+            self._process.wait()
+        self._log.close()
+        self._files.cleanup()
+
+
+def list_command() -> list[str]:
+    """Return how to run `compare.child`: by this Blender application, or by Python where bpy is a module."""
+    if bpy.app.binary_path:
+        return [bpy.app.binary_path, "-b", "--factory-startup", "-P", str(CHILD), "--"]
+    return [sys.executable, str(CHILD)]

@@ -1,0 +1,208 @@
+"""Operators that compare: at once from Python, in the background from the panel."""
+
+# ruff: noqa: N801  (Blender prescribes the form of class names)
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...inspector import session as inspector
+from ...inspector.drawing import redraw
+from ...inspector.panels import find_chosen
+from . import session
+from .heat_map import IMAGE_NAME, open_image
+from .job import ComparisonError, Running
+from .properties import rays_property, samples_property, width_property
+
+POLL_SECONDS = 0.25
+
+_running: Running | None = None
+
+
+def end_process() -> None:
+    """End the process that compares, if any."""
+    global _running
+    if _running is not None:
+        _running.close()
+        _running = None
+
+
+def stop() -> None:
+    """End the comparison that runs, if any, and show so."""
+    end_process()
+    for manager in bpy.data.window_managers:
+        manager.reference_raytracer_comparison.is_running = False
+    redraw()
+
+
+class _Compare:
+    """What both comparisons share."""
+
+    kind = ""
+
+    width: width_property()  # type: ignore[valid-type]
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        """One at a time, and there has to be a camera."""
+        if context.scene is None or context.scene.camera is None:
+            cls.poll_message_set("The scene has no camera")  # type: ignore[attr-defined]
+            return False
+        return _running is None
+
+    def execute(self, context: Any) -> set[str]:
+        """Compare, and return when it is done."""
+        self._start(context)
+        assert _running is not None
+        _running.wait()
+        return self._finish(context)
+
+    def invoke(self, context: Any, event: Any) -> set[str]:
+        """Compare while the user goes on working."""
+        self._start(context)
+        self._timer = context.window_manager.event_timer_add(POLL_SECONDS, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: Any, event: Any) -> set[str]:
+        """Look after the process; Esc ends it."""
+        if event.type == "ESC" and _running is not None:
+            stop()
+        if _running is None:  # stopped here, by the button, or because the add-on goes
+            context.window_manager.event_timer_remove(self._timer)
+            self.report({"INFO"}, "Comparison cancelled")  # type: ignore[attr-defined]
+            return {"CANCELLED"}
+        if event.type == "TIMER":
+            context.window_manager.reference_raytracer_comparison.progress = _running.read_progress()
+            redraw()
+            if _running.is_done():
+                context.window_manager.event_timer_remove(self._timer)
+                return self._finish(context)
+        return {"PASS_THROUGH"}
+
+    def cancel(self, context: Any) -> None:
+        """Blender ends the operator by itself, for instance before another file is loaded."""
+        stop()
+
+    def _start(self, context: Any) -> None:
+        global _running
+        width, height = inspector.find_frame(context.scene)
+        size = self.width, max(4, round(self.width * height / width))
+        _running = Running(context.scene, context.view_layer, self.kind, size, self._count_samples())
+        state = context.window_manager.reference_raytracer_comparison
+        state.is_running, state.progress = True, 0.0
+
+    def _count_samples(self) -> int:
+        raise NotImplementedError
+
+    def _finish(self, context: Any) -> set[str]:
+        assert _running is not None
+        try:
+            outcome = _running.read_outcome()
+        except ComparisonError as error:
+            self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
+            return {"CANCELLED"}
+        finally:
+            stop()
+        open_image(context, session.keep(outcome))
+        return {"FINISHED"}
+
+
+class RAYTRACER_OT_compare_cycles(_Compare, bpy.types.Operator):
+    """Render the scene with this engine and with Cycles, in a process of its own, and show how far they are apart"""
+
+    bl_idname = "raytracer.compare_cycles"
+    bl_label = "Compare with Cycles"
+    bl_options = {"REGISTER"}  # noqa: RUF012
+    kind = "cycles"
+
+    samples: samples_property()  # type: ignore[valid-type]
+
+    def _count_samples(self) -> int:
+        return int(self.samples)
+
+
+class RAYTRACER_OT_compare_ray_cast(_Compare, bpy.types.Operator):
+    """Cast the same rays with this ray tracer and with Scene.ray_cast, and let exact arithmetic judge"""
+
+    bl_idname = "raytracer.compare_ray_cast"
+    bl_label = "Compare with ray_cast"
+    bl_options = {"REGISTER"}  # noqa: RUF012
+    kind = "ray_cast"
+
+    rays: rays_property()  # type: ignore[valid-type]
+
+    def _count_samples(self) -> int:
+        return int(self.rays)
+
+
+class RAYTRACER_OT_cancel_compare(bpy.types.Operator):
+    """End the comparison that runs"""
+
+    bl_idname = "raytracer.cancel_compare"
+    bl_label = "Cancel Comparison"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        """Something runs."""
+        return _running is not None
+
+    def execute(self, context: Any) -> set[str]:
+        """Stop."""
+        stop()
+        return {"FINISHED"}
+
+
+class RAYTRACER_OT_show_difference(bpy.types.Operator):
+    """Show the map of the errors in an image editor, in a new window if there is none"""
+
+    bl_idname = "raytracer.show_difference"
+    bl_label = "Show Error Map"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        """There is a map."""
+        return IMAGE_NAME in bpy.data.images
+
+    def execute(self, context: Any) -> set[str]:
+        """Show."""
+        image = bpy.data.images[IMAGE_NAME]
+        if not open_image(context, image):
+            bpy.ops.wm.window_new()
+            area = context.window_manager.windows[-1].screen.areas[0]
+            area.type = "IMAGE_EDITOR"
+            area.spaces.active.image = image
+        return {"FINISHED"}
+
+
+class RAYTRACER_OT_judge_ray(bpy.types.Operator):
+    """Cast the chosen ray once more, ask Scene.ray_cast as well, and compute the exact distance in integers"""
+
+    bl_idname = "raytracer.judge_ray"
+    bl_label = "Judge Ray"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        """A ray is chosen."""
+        return find_chosen(context) is not None
+
+    def execute(self, context: Any) -> set[str]:
+        """Judge."""
+        ray = find_chosen(context)
+        assert ray is not None
+        session.judge(context, ray.origin, ray.direction)
+        redraw()
+        return {"FINISHED"}
+
+
+CLASSES = (
+    RAYTRACER_OT_compare_cycles,
+    RAYTRACER_OT_compare_ray_cast,
+    RAYTRACER_OT_cancel_compare,
+    RAYTRACER_OT_show_difference,
+    RAYTRACER_OT_judge_ray,
+)
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -1,0 +1,91 @@
+"""The outcome of the last comparison, and the verdict on the ray chosen last; of this session only."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from raytracer.integrator.traced_rays import TracedRay
+
+from ...inspector import session as inspector
+from ..ray_cast.verdict import Verdict, judge_ray
+from ..results import Outcome
+from .heat_map import show_heat_map
+
+_outcome: Outcome | None = None
+_size = (0, 0)
+_verdicts: tuple[Verdict, Verdict] | None = None
+
+
+def find_outcome() -> Outcome | None:
+    """Return the outcome of the last comparison, or None."""
+    return _outcome
+
+
+def find_verdicts() -> tuple[Verdict, Verdict] | None:
+    """Return the last verdicts on this caster and on Scene.ray_cast, or None."""
+    return _verdicts
+
+
+def find_verdicts_on(ray: TracedRay) -> tuple[Verdict, Verdict] | None:
+    """Return the verdicts where they are on this ray, or None."""
+    if _verdicts is None:
+        return None
+    judged = _verdicts[0]
+    same = np.array_equal(judged.origin, ray.origin) and np.array_equal(judged.direction, ray.direction)
+    return _verdicts if same else None
+
+
+def keep(outcome: Outcome) -> Any:
+    """Show numbers, list and map; return the map's image."""
+    global _outcome, _size
+    _outcome = outcome
+    _size = outcome.heat.shape[1], outcome.heat.shape[0]
+    for manager in bpy.data.window_managers:
+        rows = manager.reference_raytracer_comparison.worst
+        rows.clear()
+        for entry in outcome.worst:
+            rows.add().name = entry.label
+    return show_heat_map(outcome.heat)
+
+
+def inspect_worst(context: Any, index: int) -> None:
+    """Inspect the ray of an entry of the list, and judge it."""
+    if _outcome is None or not 0 <= index < len(_outcome.worst):
+        return
+    entry, depsgraph = _outcome.worst[index], context.evaluated_depsgraph_get()
+    if entry.origin:
+        inspected = inspector.inspect_ray(depsgraph, entry.origin, entry.direction, entry.label)
+    else:
+        inspected = inspector.inspect_pixel(depsgraph, entry.x, entry.y, _size)
+    judge(context, inspected.tree[0].origin, inspected.tree[0].direction)
+
+
+def judge(context: Any, origin: Any, direction: Any) -> None:
+    """Judge both casters' answers to one ray in exact arithmetic."""
+    global _verdicts
+    _verdicts = judge_ray(context.scene, context.evaluated_depsgraph_get(), origin, direction)
+
+
+@persistent
+def clear(*_: Any) -> None:
+    """Forget all; called when a file is loaded, too. The image stays: it belongs to the file by now."""
+    global _outcome, _verdicts
+    _outcome = _verdicts = None
+    for manager in bpy.data.window_managers:
+        manager.reference_raytracer_comparison.worst.clear()
+        manager.reference_raytracer_comparison.is_running = False  # as a file may say that was saved meanwhile
+
+
+def register() -> None:
+    """Clear whenever another file is loaded."""
+    bpy.app.handlers.load_post.append(clear)
+
+
+def unregister() -> None:
+    """Forget all, and do not listen any more."""
+    bpy.app.handlers.load_post.remove(clear)
+    clear()

@@ -1,0 +1,69 @@
+"""What an animation keeps from frame to frame: what was read and the trees over it, of all that did not change.
+
+Blender makes everything anew for each frame of a render and announces nothing, so what is read is compared. All is let
+go when the animation ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+import raytracer
+
+from ..extract.kept import Kept
+
+# Any ray: what a caster builds when it is first asked, it builds for this one.
+RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass
+class Frames:
+    """The frames of one view layer: what the last extraction left, and the last caster."""
+
+    kept: Kept = field(default_factory=Kept)
+    caster: raytracer.Caster | None = None
+
+    def build(self, scene: raytracer.Scene, precision: str) -> raytracer.Caster:
+        """Return a caster for the next frame, with its trees: built here, they are there for all workers and for the
+        frame after."""
+        self.caster = raytracer.build(scene, precision, last=self.caster)
+        self.caster.closest_hit(*RAY)
+        return self.caster
+
+
+_frames: dict[tuple[int, str], Frames] = {}
+
+
+def find_frames(engine: Any, depsgraph: Any) -> Frames | None:
+    """Return what is kept of the view layer that is being rendered, or None where it is a single picture."""
+    if not engine.is_animation:
+        return None
+    return _frames.setdefault((depsgraph.scene.session_uid, depsgraph.view_layer.name), Frames())
+
+
+@persistent
+def forget(*_: Any) -> None:
+    """Let go of all frames."""
+    _frames.clear()
+
+
+handlers = bpy.app.handlers
+ENDS = (handlers.render_complete, handlers.render_cancel, handlers.load_pre)
+
+
+def register() -> None:
+    """Watch for the end of animations."""
+    for called in ENDS:
+        called.append(forget)
+
+
+def unregister() -> None:
+    """Let go of everything and watch no more."""
+    forget()
+    for called in ENDS:
+        if forget in called:
+            called.remove(forget)

@@ -1,0 +1,254 @@
+"""The render engine: Blender calls `render` once for each view layer of a frame, and `view_draw` for each redraw.
+
+Reading the scene, building, tracing and writing are `extract`, `raytracer.build`, `raytracer.render` and `output`;
+`frames` keeps what an animation can use again, `viewport` draws regions in Rendered shading. This module orders them,
+tells Blender how far they are, and turns every error into one sentence.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+
+import raytracer
+from raytracer.processes.workers import WorkerError
+
+from ..extract.scene import Extraction, extract_scene
+from ..extract.warnings import Warning
+from ..passes import declare_passes, enabled_passes
+from ..properties import ENGINE, settings_keywords
+from ..viewport import viewport
+from ..viewport.viewport import Viewport
+from . import animation, statistics
+from .animation import Frames
+from .output import Border, RenderOutput, read_border
+
+# Seconds between two updates of text and progress bar, and of the picture on the screen: often enough to watch; and
+# the share of the time that updates of a large picture may take from tracing.
+TEXT_INTERVAL = 0.1
+PICTURE_INTERVAL = 0.5
+PICTURE_SHARE = 0.1
+
+# Light paths per pixel of Blender's previews of materials, worlds and lights.
+PREVIEW_SAMPLES = 8
+
+# Called with the finished share of the frame, 0 to 1; the command line's progress bar listens here.
+progress_listeners: list[Callable[[float], None]] = []
+
+
+class SceneError(Exception):
+    """The scene cannot be rendered; the user can change that."""
+
+
+class ReferenceRaytracerEngine(bpy.types.RenderEngine):
+    """Reference Ray Tracer in Blender's list of render engines; an object renders one frame, or draws one region."""
+
+    bl_idname = ENGINE
+    bl_label = "Reference Ray Tracer"
+    bl_use_eevee_viewport = True  # Material Preview is drawn by EEVEE
+    bl_use_preview = True  # small pictures of materials, worlds and lights
+
+    layers_done = 0
+    viewport: Viewport | None = None  # what a viewport shows, while this object serves one
+    failed = False  # an error in one view layer ends the frame, with one message instead of one for each layer
+
+    def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
+        """Declare the passes of a view layer (Blender's callback)."""
+        declare_passes(self, scene, renderlayer)
+
+    def render(self, depsgraph: Any) -> None:
+        """Render one view layer into Blender's render result (Blender's callback)."""
+        if self.failed or self.test_break():
+            return
+        try:
+            render_view_layer(self, depsgraph)
+        except KeyboardInterrupt:
+            self._fail("interrupted")
+        except MemoryError:
+            self._fail("not enough memory")
+        except SceneError as error:
+            self._fail(str(error))
+        except WorkerError as error:
+            traceback.print_exc()
+            self._fail(str(error))
+        except Exception as error:  # nothing may reach Blender: it would take the render for a success
+            traceback.print_exc()
+            self._fail(f"internal error, {type(error).__name__}: {error}")
+        self.layers_done += 1
+
+    def view_update(self, context: Any, depsgraph: Any) -> None:
+        """Take a change of what a viewport shows (Blender's callback)."""
+        self._find_viewport().update(context, depsgraph)
+
+    def view_draw(self, context: Any, depsgraph: Any) -> None:
+        """Draw a viewport in Rendered shading (Blender's callback)."""
+        self._find_viewport().draw(self, context, depsgraph)
+
+    def _find_viewport(self) -> Viewport:
+        if self.viewport is None:
+            self.viewport = Viewport(self)
+        return self.viewport
+
+    def __del__(self) -> None:
+        if self.viewport is not None:
+            self.viewport.close()
+
+    def _fail(self, reason: str) -> None:
+        self.failed = True
+        self.report({"ERROR"}, f"{self.bl_label}: {' '.join(reason.split())}")
+
+
+def render_view_layer(engine: Any, depsgraph: Any) -> None:
+    """Read, build, trace and write the view layer of `depsgraph`; report warnings, record what it took."""
+    started = time.perf_counter()
+    scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
+    border = read_border(scene.render, engine.resolution_x, engine.resolution_y)
+    with RenderOutput(engine, view_layer.name, border) as output:
+        engine.update_stats("", "Reading the scene")
+        kept = animation.find_frames(engine, depsgraph)
+        extraction = read_scene(depsgraph, kept)
+        warnings = (*extraction.warnings, *find_ignored_settings(scene))
+        progress = Progress(engine, output, count_view_layers(scene))
+        film = trace(engine, extraction.scene, depsgraph, border, progress, kept)
+        output.write(film.passes)
+    if engine.is_preview:
+        return
+    for warning in warnings:
+        engine.report({"WARNING"}, str(warning))
+    taken = statistics.Statistics(
+        passes=enabled_passes(view_layer),
+        width=border.width,
+        height=border.height,
+        samples=film.samples,
+        triangles=statistics.count_triangles(extraction.scene),
+        rays=film.statistics.rays,
+        build_seconds=film.statistics.build_seconds,
+        trace_seconds=film.statistics.trace_seconds,
+        total_seconds=time.perf_counter() - started,
+        peak_memory_mb=statistics.read_peak_memory(),
+        warnings=warnings,
+        cancelled=film.cancelled,
+    )
+    statistics.record_view_layer(depsgraph.scene, taken, first=engine.layers_done == 0)
+
+
+def read_scene(depsgraph: Any, kept: Frames | None) -> Extraction:
+    """Return what the depsgraph shows, or raise SceneError with the reason why it cannot be rendered."""
+    passes = enabled_passes(depsgraph.view_layer_eval)
+    try:
+        return extract_scene(depsgraph, passes, kept=kept.kept if kept else None)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
+
+
+def trace(
+    engine: Any, scene: raytracer.Scene, depsgraph: Any, border: Border, progress: Progress, kept: Frames | None
+) -> Any:
+    """Return the film of one view layer."""
+    engine.update_stats("", "Building")
+    settings = settings_keywords(depsgraph.scene_eval)
+    if engine.is_preview:
+        settings |= {"samples": PREVIEW_SAMPLES, "workers": 1}  # to start workers would take longer
+    started = time.perf_counter()
+    caster = kept.build(scene, settings["precision"]) if kept else None
+    build_seconds = time.perf_counter() - started
+    film = raytracer.render(
+        scene,
+        engine.resolution_x,
+        engine.resolution_y,
+        caster=caster,
+        passes=enabled_passes(depsgraph.view_layer_eval),
+        border=border,
+        on_pass=progress.show_pass,
+        on_progress=progress.show_share,
+        is_cancelled=engine.test_break,
+        **settings,
+    )
+    if kept:
+        film.statistics.build_seconds = build_seconds
+    return film
+
+
+def count_view_layers(scene: Any) -> int:
+    """Return how many view layers a frame of `scene` has."""
+    return sum(view_layer.use for view_layer in scene.view_layers)
+
+
+def find_ignored_settings(scene: Any) -> list[Warning]:
+    """Return one warning for each setting of `Scene.render` that the picture does not follow."""
+    ignored = (
+        (scene.render.use_multiview, "Stereoscopy is not supported: every view shows the same picture"),
+        (scene.render.use_motion_blur, "Motion blur is not supported: the picture shows one moment"),
+    )
+    return [Warning(text) for is_used, text in ignored if is_used]
+
+
+class Progress:
+    """Tells the user how far the frame is, and shows the picture so far."""
+
+    def __init__(self, engine: Any, output: RenderOutput, layer_count: int) -> None:
+        self._engine = engine
+        self._output = output
+        self._layer_count = max(layer_count, engine.layers_done + 1)
+        self._samples = ""
+        self._first: tuple[float, float] | None = None  # time and share when tracing had begun
+        self._next_text = self._next_picture = time.perf_counter()
+
+    def show_share(self, share: float) -> None:
+        """Update progress bar, remaining time and listeners; `share` of this view layer is done."""
+        now = time.perf_counter()
+        if now < self._next_text and share < 1:
+            return
+        self._next_text = now + TEXT_INTERVAL
+        self._engine.update_stats("", f"{self._samples}{self._estimate_remaining(now, share)}")
+        of_frame = (self._engine.layers_done + share) / self._layer_count
+        self._engine.update_progress(of_frame)
+        for listener in progress_listeners:
+            listener(of_frame)
+
+    def _estimate_remaining(self, now: float, share: float) -> str:
+        """Return the time left, judged by the pace since the first block: starting takes a time of its own."""
+        if self._first is None:
+            self._first = (now, share)
+        first_time, first_share = self._first
+        if share <= first_share:
+            return "Tracing"
+        pace = (now - first_time) / (share - first_share)
+        return f"Remaining {format_duration(pace * (1 - share))}"
+
+    def show_pass(self, film: Any, done: int, total: int) -> None:
+        """Count the samples; update the picture now and then, where there is a screen to see it on."""
+        self._samples = f"Sample {done}/{total} | "
+        started = time.perf_counter()
+        if bpy.app.background or done == total or started < self._next_picture:
+            return
+        self._output.write(film.passes)
+        self._output.show()
+        finished = time.perf_counter()
+        self._next_picture = finished + max(PICTURE_INTERVAL, (finished - started) / PICTURE_SHARE)
+
+
+def format_duration(seconds: float) -> str:
+    """Return a time as hours, minutes and seconds: '1:02:03' or '02:03'."""
+    minutes, rest = divmod(int(seconds + 0.5), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes:02}:{rest:02}"
+
+
+def register() -> None:
+    """Add the engine to Blender's list."""
+    bpy.utils.register_class(ReferenceRaytracerEngine)
+    viewport.register()
+    animation.register()
+
+
+def unregister() -> None:
+    """Take the engine out of Blender's list and forget the renders of this session."""
+    bpy.utils.unregister_class(ReferenceRaytracerEngine)
+    viewport.unregister()
+    animation.unregister()
+    statistics.forget_all()

@@ -1,0 +1,90 @@
+"""Puts a scene together from what the modules of this room read of Blender's depsgraph."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import raytracer
+
+from .. import versions
+from .camera import extract_camera
+from .instances import Context, ObjectKey, walk_instances, warn_missing
+from .kept import Kept
+from .mesh_table import MeshTable
+from .placing import place_parts
+from .shaders.materials import MaterialTable
+from .warnings import Warning, WarningList
+from .world import extract_world
+
+
+@dataclass(frozen=True)
+class Extraction:
+    """A scene, and how its numbers lead back to Blender.
+
+    scene : raytracer.Scene
+    objects : the object of each instance, numbered as `Hits.instance`: mesh instances, then groups of spheres
+    polygons : for each mesh of the scene (t,) int32, the Blender polygon of each triangle
+    warnings : what could not be honoured
+    """
+
+    scene: raytracer.Scene
+    objects: tuple[ObjectKey, ...]
+    polygons: tuple[NDArray[np.int32], ...]
+    warnings: tuple[Warning, ...]
+
+
+def extract_scene(
+    depsgraph: Any,
+    passes: Sequence[str] = ("Combined",),
+    geometry_only: bool = False,
+    space: Any = None,
+    kept: Kept | None = None,
+) -> Extraction:
+    """Return all that a depsgraph shows, in the depsgraph's own mode (render or viewport).
+
+    Parameters
+    ----------
+    depsgraph : bpy.types.Depsgraph
+    passes : the tracer's pass names; UV coordinates are read for the pass "UV" only
+    geometry_only : True leaves out camera, lights, world and materials, for casting rays
+    space : bpy.types.SpaceView3D, which may hide objects and has a view of its own, so that no camera is read; None for
+        renders
+
+    kept : what the last extraction of this view layer in this mode left, with the `changes` since; afterwards what this
+        one leaves. The result is the same without
+
+    Raises
+    ------
+    ValueError
+        If the scene has no usable camera and one is needed.
+    """
+    warnings = WarningList()
+    scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
+    camera = None if geometry_only or space else extract_camera(scene, warnings)
+    last = kept or Kept()
+    materials = None if geometry_only else MaterialTable(warnings, last)
+    meshes = MeshTable("UV" in passes, warnings, last)
+    warn_missing(depsgraph, warnings)
+    context = Context(view_layer, meshes, materials, warnings, space, last)
+    placements = walk_instances(depsgraph, context)
+    placed = place_parts(placements, warnings, materials is not None and materials.read_object_info)
+    images = materials.images if materials else None
+    world = None if geometry_only else extract_world(versions.find_world(scene, view_layer), warnings, images)
+    if kept is not None and materials is not None:
+        kept.replace(context.entries, meshes.finish(), materials)
+    record = raytracer.Scene(
+        meshes=meshes.records,
+        spheres=placed.spheres,
+        instances=placed.instances,
+        materials=materials.records if materials else (),
+        lights=placed.lights,
+        world=world,
+        camera=camera,
+        name=scene.name,
+    )
+    return Extraction(record, placed.objects, tuple(meshes.polygons), warnings.records)

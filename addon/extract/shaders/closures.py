@@ -1,0 +1,296 @@
+"""Shader nodes to the fields of closures: one reader for each node, listed in `CLOSURE_READERS`.
+
+Stand-ins, each with a warning: a shader that reflects colored light in a way we lack becomes diffuse (Subsurface, Hair)
+of its own color; any other becomes the default grey diffuse; Holdout becomes black. Inputs that have no effect are
+named (`UNSUPPORTED_INPUTS`). A new node is one function and one row of the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from raytracer.scene.programs import Register, Value
+
+from ... import versions
+from .node_settings import GENERATED
+from .nodes import Groups, Place, find_link, find_socket, find_source, read_color, read_number
+from .programs import ProgramBuilder
+
+GREY = 0.8  # what Cycles gives an object without a material
+SMALLEST_IOR = 1e-5  # as in Cycles
+LARGEST_IOR = float(np.finfo(np.float32).max)
+
+
+STAND_IN_COLORS = {
+    **dict.fromkeys(("SUBSURFACE_SCATTERING", "BSDF_HAIR", "BSDF_HAIR_PRINCIPLED"), "Color"),
+    "EEVEE_SPECULAR": "Base Color",
+}
+
+# Inputs that change the picture and that we do not honour, by node.
+UNSUPPORTED_INPUTS = {
+    "BSDF_PRINCIPLED": ("Thin Film Thickness", "Thin Wall"),
+    "BSDF_GLASS": ("Thin Film Thickness",),
+    "BSDF_METALLIC": ("Thin Film Thickness",),
+}
+
+
+class NodeInputs:
+    """Reads the inputs of one shader node: constants, or registers of the material's program.
+
+    Where only constants will do (`constants_only`), what a program would compute is replaced by the socket's own value
+    and reported.
+    """
+
+    def __init__(self, node: Any, groups: Groups, builder: ProgramBuilder, constants_only: bool) -> None:
+        self.node, self.groups, self.builder = node, groups, builder
+        self._constants_only = constants_only
+        self._replaced: list[str] = []
+
+    @property
+    def place(self) -> Place:
+        return self.builder.place
+
+    def color(self, identifier: str) -> Value:
+        """Return the input as linear RGB; a constant without negative parts."""
+        value = self._read(identifier, "color")
+        return value if isinstance(value, Register) else read_color(value)
+
+    def number(self, identifier: str, low: float = 0.0, high: float = np.inf) -> Value:
+        """Return the input as a number; a constant within what the shader takes."""
+        value = self._read(identifier, "number")
+        return value if isinstance(value, Register) else float(np.clip(value, low, high))
+
+    def limited(self, identifier: str, low: float, high: float) -> Value:
+        """Return the input as a number within a range."""
+        return self.builder.limit(self._read(identifier, "number"), low, high)
+
+    def normal(self, identifier: str = "Normal") -> Value | None:
+        """Return the normal that feeds the shader, or None for the surface's own."""
+        socket = find_socket(self.node.inputs, identifier)
+        if socket is None or find_link(socket) is None:
+            return None
+        value = self._read(identifier, "vector")
+        return value if isinstance(value, Register) or np.any(value) else None
+
+    def tangent(self, anisotropy: str) -> Value | None:
+        """Return the direction along which highlights are stretched, or None where they are not: what is linked, else
+        around the object's z axis."""
+        if not self.is_used(anisotropy):
+            return None
+        linked = self.normal("Tangent")
+        radial = {"axis": "Z", "name": GENERATED}
+        return linked if linked is not None else self.builder.add("TANGENT RADIAL", (), radial)["Tangent"]
+
+    def facets(self) -> dict[str, Any]:
+        """Return how the node's facets are distributed."""
+        chosen = self.node.distribution
+        fields: dict[str, Any] = {"multiscatter": float(chosen == "MULTI_GGX")}
+        if chosen == "BECKMANN":
+            fields["distribution"] = "beckmann"
+        elif chosen not in ("GGX", "MULTI_GGX"):
+            self.place.warn(f"node '{self.node.name}': distribution {chosen} is not supported, GGX is used")
+        return fields
+
+    def _read(self, identifier: str, kind: str) -> Value:
+        socket = find_socket(self.node.inputs, identifier)
+        value = self.builder.value_of(socket, self.groups, kind)
+        if not (self._constants_only and isinstance(value, Register)):
+            return value
+        own = socket.default_value
+        source = find_source(socket, self.groups).socket
+        shown = f"{own:.3g}" if np.ndim(own) == 0 else f"({', '.join(f'{part:.3g}' for part in own[:3])})"
+        self._replaced.append(f"{socket.name} {shown} instead of node '{source.node.name}'")
+        return read_number(own) if kind == "number" else read_color(own)
+
+    def is_used(self, identifier: str) -> bool:
+        """Return True where an optional input is linked, or set to something other than zero."""
+        socket = find_socket(self.node.inputs, identifier)
+        if socket is None or not socket.enabled:
+            return False
+        source = find_source(socket, self.groups).socket
+        if source is None or source.is_output or socket.type == "VECTOR":
+            return source is None or source.is_output
+        return read_number(source.default_value) != 0
+
+    def report(self) -> None:
+        """Add one warning that lists the inputs that constants replaced."""
+        if self._replaced:
+            listed = ", ".join(self._replaced)
+            self.place.warn(f"node '{self.node.name}': only constants are supported, used {listed}")
+
+
+Fields = dict[str, Any]
+
+
+def read_principled(inputs: NodeInputs) -> Fields:
+    builder = inputs.builder
+    fields = {
+        "kind": "principled",
+        "color": inputs.color("Base Color"),
+        "metallic": inputs.number("Metallic", high=1.0),
+        "roughness": inputs.number("Roughness", high=1.0),
+        "ior": inputs.limited("IOR", SMALLEST_IOR, LARGEST_IOR),
+        "transmission": inputs.number("Transmission Weight", high=1.0),
+        "specular": inputs.number("Specular IOR Level", high=1.0),
+        "specular_tint": inputs.color("Specular Tint"),
+        "emission": builder.scale(inputs.color("Emission Color"), inputs.number("Emission Strength")),
+        "alpha": inputs.number("Alpha", high=1.0),
+        "normal": inputs.normal(),
+        **inputs.facets(),
+    }
+    if inputs.is_used("Diffuse Roughness"):  # not in Blender 4.2
+        fields["diffuse_roughness"] = inputs.number("Diffuse Roughness", high=1.0)
+    if inputs.is_used("Anisotropic"):
+        fields["anisotropy"] = inputs.number("Anisotropic", high=1.0)
+        fields["rotation"] = inputs.number("Anisotropic Rotation", low=-np.inf)
+        fields["tangent"] = inputs.tangent("Anisotropic")
+    fields |= read_layers(inputs)
+    if inputs.is_used("Subsurface Weight"):
+        inputs.place.warn(f"node '{inputs.node.name}': Subsurface Weight is not supported, rendered as diffuse")
+    return fields
+
+
+def read_layers(inputs: NodeInputs) -> Fields:
+    """Return the coat and the sheen of a Principled BSDF, where it has any."""
+    fields: Fields = {}
+    if inputs.is_used("Coat Weight"):
+        fields |= {
+            "coat_weight": inputs.number("Coat Weight"),
+            "coat_roughness": inputs.number("Coat Roughness", high=1.0),
+            "coat_ior": inputs.limited("Coat IOR", 1.0, LARGEST_IOR),
+            "coat_tint": inputs.color("Coat Tint"),
+            "coat_normal": inputs.normal("Coat Normal"),
+            "simple_coat": float(versions.has_simple_coats()),
+        }
+        if fields["coat_normal"] is None and inputs.normal() is not None:
+            fields["coat_normal"] = np.zeros(3)  # flat: what bends the base does not bend its coat
+    if inputs.is_used("Sheen Weight"):
+        fields |= {
+            "sheen_weight": inputs.number("Sheen Weight"),
+            "sheen_roughness": inputs.number("Sheen Roughness", high=1.0),
+            "sheen_tint": inputs.color("Sheen Tint"),
+        }
+    if fields and inputs.is_used("Emission Strength") and inputs.is_used("Emission Color"):
+        inputs.place.warn(f"node '{inputs.node.name}': Coat and Sheen do not dim its emission")
+    return fields
+
+
+def read_diffuse(inputs: NodeInputs) -> Fields:
+    fields = {"kind": "diffuse", "color": inputs.color("Color"), "normal": inputs.normal()}
+    if inputs.is_used("Roughness"):
+        fields["diffuse_roughness"] = inputs.number("Roughness", high=1.0)
+        fields["multiscatter"] = float(versions.returns_lost_light())
+    return fields
+
+
+def read_glossy(inputs: NodeInputs) -> Fields:
+    fields = {
+        "kind": "glossy",
+        "color": inputs.color("Color"),
+        "roughness": inputs.number("Roughness", high=1.0),
+        "normal": inputs.normal(),
+        **inputs.facets(),
+    }
+    return fields | read_anisotropy(inputs, lowest=-1.0)
+
+
+def read_anisotropy(inputs: NodeInputs, lowest: float = 0.0) -> Fields:
+    if not inputs.is_used("Anisotropy"):
+        return {}
+    return {
+        "anisotropy": inputs.number("Anisotropy", lowest, high=1.0),
+        "rotation": inputs.number("Rotation", low=-np.inf),
+        "tangent": inputs.tangent("Anisotropy"),
+    }
+
+
+def read_metallic(inputs: NodeInputs) -> Fields:
+    """Read a metal, by its colors at 0 and 82 degrees or by its index of refraction."""
+    fields = {"roughness": inputs.number("Roughness", high=1.0), "normal": inputs.normal(), **inputs.facets()}
+    if inputs.node.fresnel_type == "F82":
+        fields |= {"kind": "metal", "color": inputs.color("Base Color"), "specular_tint": inputs.color("Edge Tint")}
+    else:
+        fields |= {"kind": "conductor", "color": inputs.color("IOR"), "extinction": inputs.color("Extinction")}
+    return fields | read_anisotropy(inputs)
+
+
+def read_dielectric(inputs: NodeInputs) -> Fields:
+    return {
+        "kind": "glass" if inputs.node.type == "BSDF_GLASS" else "refraction",
+        "color": inputs.color("Color"),
+        "roughness": inputs.number("Roughness", high=1.0),
+        "ior": inputs.limited("IOR", SMALLEST_IOR, LARGEST_IOR),
+        "normal": inputs.normal(),
+        **inputs.facets(),
+    }
+
+
+def read_translucent(inputs: NodeInputs) -> Fields:
+    return {"kind": "translucent", "color": inputs.color("Color"), "normal": inputs.normal()}
+
+
+def read_sheen(inputs: NodeInputs) -> Fields:
+    return {
+        "kind": "sheen" if inputs.node.distribution == "MICROFIBER" else "velvet",
+        "color": inputs.color("Color"),
+        "roughness": inputs.number("Roughness", high=1.0),
+        "normal": inputs.normal(),
+    }
+
+
+def read_toon(inputs: NodeInputs) -> Fields:
+    return {
+        "kind": "toon" if inputs.node.component == "DIFFUSE" else "glossy_toon",
+        "color": inputs.color("Color"),
+        "size": inputs.number("Size", high=1.0),
+        "smooth": inputs.number("Smooth", high=1.0),
+        "normal": inputs.normal(),
+    }
+
+
+def read_transparent(inputs: NodeInputs) -> Fields:
+    return {"kind": "transparent", "color": inputs.color("Color")}
+
+
+def read_emission(inputs: NodeInputs) -> Fields:
+    return {"kind": "emission", "color": inputs.builder.scale(inputs.color("Color"), inputs.number("Strength"))}
+
+
+def read_holdout(inputs: NodeInputs) -> Fields:
+    inputs.place.warn(f"node '{inputs.node.name}' (Holdout) is not supported, the surface is black")
+    return {"kind": "diffuse", "color": 0.0}
+
+
+def read_stand_in(inputs: NodeInputs) -> Fields:
+    node = inputs.node
+    inputs.place.warn(f"node '{node.name}' ({node.bl_label}) is not supported, treated as diffuse")
+    name = STAND_IN_COLORS.get(node.type)
+    return {"kind": "diffuse", "color": inputs.color(name) if name else GREY}
+
+
+CLOSURE_READERS: dict[str, Callable[[NodeInputs], Fields]] = {
+    "BSDF_PRINCIPLED": read_principled,
+    "BSDF_DIFFUSE": read_diffuse,
+    "BSDF_GLOSSY": read_glossy,
+    "BSDF_METALLIC": read_metallic,
+    "BSDF_GLASS": read_dielectric,
+    "BSDF_REFRACTION": read_dielectric,
+    "BSDF_TRANSLUCENT": read_translucent,
+    "BSDF_SHEEN": read_sheen,
+    "BSDF_TOON": read_toon,
+    "BSDF_TRANSPARENT": read_transparent,
+    "EMISSION": read_emission,
+    "BACKGROUND": read_emission,
+    "HOLDOUT": read_holdout,
+}
+
+
+def warn_unsupported(inputs: NodeInputs) -> None:
+    """Name the inputs of a shader that are set and have no effect."""
+    node = inputs.node
+    ignored = [name for name in UNSUPPORTED_INPUTS.get(node.type, ()) if inputs.is_used(name)]
+    if ignored:
+        inputs.place.warn(f"node '{node.name}': {', '.join(ignored)} not supported, left out")

@@ -1,0 +1,115 @@
+"""Images of image textures: pixels as Cycles interpolates them, read once for each image.
+
+Byte images stay bytes, straight from Blender and still encoded; float images are scene linear already. Alpha is
+multiplied in where Cycles does so: never for data, channel-packed images, or where alpha is switched off.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.scene.programs import Image
+
+from ... import versions
+from ..kept import Kept
+from .color_spaces import find_decoder
+from .nodes import Place
+
+Pixels = NDArray[Any]
+
+LARGEST_BYTE = 255
+UNASSOCIATED_MODES = ("CHANNEL_PACKED", "NONE")
+
+
+class ImageTable:
+    """The scene's images, each read once, and again only if it may have changed since the last extraction."""
+
+    def __init__(self, kept: Kept | None = None) -> None:
+        self._images: dict[int, Image | None] = {}
+        self._kept = kept or Kept()
+        # Those that may be kept: a warning would be lost.
+        self.silent: dict[int, Image | None] = {}
+
+    def find_image(self, image: Any, node: str, place: Place) -> Image | None:
+        """Return an image as the tracer's, or None, which shows magenta, for one that is missing."""
+        if image is None:
+            return None
+        key = image.original.session_uid
+        if key not in self._images:
+            count = len(place.warnings.records)
+            last = self._kept.images.get(key) if self._kept.trusts(key) else None
+            self._images[key] = extract_image(image, place) if last is None else last
+            if len(place.warnings.records) == count:
+                self.silent[key] = self._images[key]
+        if self._images[key] is None:
+            place.warn(f"node '{node}': image '{image.name}' is missing, magenta is shown")
+        return self._images[key]
+
+
+def is_associated(image: Any) -> bool:
+    """True where an image's colors come multiplied by its alpha, and are divided by it where alpha is read as well."""
+    return image is not None and not image.colorspace_settings.is_data and image.alpha_mode not in UNASSOCIATED_MODES
+
+
+def extract_image(image: Any, place: Place) -> Image | None:
+    """Return an image's pixels, or None where they cannot be read."""
+    if image.source in ("SEQUENCE", "MOVIE"):
+        place.warn(f"image '{image.name}': of its {image.source.lower()}, only the frame that is loaded is used")
+    if image.source == "TILED" and len(image.tiles) > 1:
+        place.warn(f"image '{image.name}': UDIM tiles are not supported, the first is used for all")
+    width, height = image.size
+    count = len(image.pixels)
+    if not width or not height or not count:
+        return None
+    flat = np.empty(count, dtype=np.float32)
+    image.pixels.foreach_get(flat)
+    pixels = flat.reshape(height, width, -1)
+    found = read_floats(pixels) if image.is_float else read_bytes(pixels)
+    if image.alpha_mode == "NONE":
+        found[..., 3] = LARGEST_BYTE if found.dtype == np.uint8 else 1.0
+    if is_associated(image) and versions.multiplies_alpha(image):
+        found = associate(found)
+    return Image(found, "linear", image.name) if image.is_float else decode(found, image, place)
+
+
+def read_floats(pixels: Pixels) -> Pixels:
+    """Return float pixels (h, w, k) as color and alpha; one number is grey."""
+    if pixels.shape[2] == 4:
+        return pixels
+    color = np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels
+    missing = 4 - color.shape[2]
+    return np.concatenate([color, np.ones((*color.shape[:2], missing), np.float32)], axis=2)
+
+
+def read_bytes(pixels: Pixels) -> Pixels:
+    """Return pixels (h, w, k) of a byte image, which Blender hands out as k / 255, as bytes of color and alpha."""
+    return np.rint(read_floats(pixels) * LARGEST_BYTE).astype(np.uint8)
+
+
+def associate(pixels: Pixels) -> Pixels:
+    """Multiply colors by their alpha; bytes are rounded down as in Cycles (blender/image.cpp)."""
+    if pixels.dtype != np.uint8:
+        return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], axis=2)
+    if (pixels[..., 3] == LARGEST_BYTE).all():
+        return pixels
+    wide = pixels.astype(np.uint16)
+    wide[..., :3] = wide[..., :3] * wide[..., 3:] // LARGEST_BYTE
+    return wide.astype(np.uint8)
+
+
+def decode(pixels: Pixels, image: Any, place: Place) -> Image:
+    """Return bytes in an image's color space; all but sRGB and data become scene linear floats before interpolation."""
+    name = image.colorspace_settings.name
+    if image.colorspace_settings.is_data:
+        return Image(pixels, "linear", image.name)
+    decoder = None if name == "sRGB" else find_decoder(name)
+    if decoder is None:
+        if name != "sRGB":
+            place.warn(f"image '{image.name}': color space '{name}' is not supported, read as sRGB")
+        return Image(pixels, "srgb", image.name)
+    values = pixels.astype(np.float32) / np.float32(LARGEST_BYTE)
+    values[..., :3] = decoder(values[..., :3])
+    return Image(values, "linear", image.name)

@@ -1,0 +1,210 @@
+"""Materials: shader nodes to sums of weighted closures, and a program for all that varies over a surface.
+
+The walk starts at the active output and ends at closures (`closures`); Mix and Add Shader fold into weights. Imports
+raytracer and this package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import raytracer
+from raytracer.scene.programs import Program, Register, Value
+from raytracer.shading.evaluate import list_attributes, list_steps
+from raytracer.shading.site_tables import TANGENT
+
+from ... import versions
+from ..kept import Kept
+from ..warnings import Warning, WarningList
+from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
+from .images import ImageTable
+from .nodes import Groups, Place, find_source, read_color
+from .programs import ProgramBuilder
+
+# Operations that read what is stored for each instance.
+OBJECT_READERS = frozenset(f"OBJECT_INFO {output}" for output in ("Color", "Alpha", "Random"))
+
+
+def read_shader(
+    socket: Any, groups: Groups, weight: Value, builder: ProgramBuilder, constants_only: bool = False
+) -> list[raytracer.Closure]:
+    """Return the weighted closures that feed a shader socket; none where nothing is linked to it.
+
+    constants_only : True replaces what would vary by the sockets' own values, with a warning
+    """
+    source = find_source(socket, groups)
+    if (isinstance(weight, float) and weight == 0) or source.socket is None or not source.socket.is_output:
+        return []
+    if source.socket.type != "SHADER":  # a color on a shader socket: Cycles lets it emit
+        color = builder.value_of(socket, groups, "color")
+        return [raytracer.Closure("emission", color=color if isinstance(color, Register) else read_color(color))]
+    node = source.socket.node
+    inputs = NodeInputs(node, source.groups, builder, constants_only)
+    if node.type in ("MIX_SHADER", "ADD_SHADER"):
+        weights = read_weights(inputs, weight)
+        inputs.report()
+        return [
+            closure
+            for shader, share in zip(node.inputs[-2:], weights, strict=True)
+            for closure in read_shader(shader, source.groups, share, builder, constants_only)
+        ]
+    fields = CLOSURE_READERS.get(node.type, read_stand_in)(inputs)
+    inputs.report()
+    warn_unsupported(inputs)
+    return [raytracer.Closure(weight=weight, **fields)]
+
+
+def read_weights(inputs: NodeInputs, weight: Value) -> tuple[Value, Value]:
+    """Return the weights of the two shaders of a Mix or an Add Shader."""
+    if inputs.node.type == "ADD_SHADER":
+        return weight, weight
+    share = inputs.limited("Fac", 0.0, 1.0)
+    builder = inputs.builder
+    return builder.multiply(weight, builder.complement(share)), builder.multiply(weight, share)
+
+
+def read_constant_emission(socket: Any, place: Place) -> np.ndarray | None:
+    """Return the constant radiance (3,) that feeds the output of a light or a world; None where nothing does."""
+    closures = read_shader(socket, (), 1.0, ProgramBuilder(place, ImageTable()), constants_only=True)
+    if not closures:
+        return None
+    shining = [closure.weight * closure.color for closure in closures if closure.kind == "emission"]
+    return np.sum(shining, axis=0) if shining else np.zeros(3)
+
+
+def extract_material(material: Any, object_name: str, images: ImageTable, warnings: WarningList) -> raytracer.Material:
+    """Return one evaluated Blender material; `object_name` is where it was met first.
+
+    Without nodes it is diffuse of the viewport color, as in Cycles.
+    """
+    builder = ProgramBuilder(Place(warnings, object_name, material.name), images, material.pass_index)
+    node_tree = versions.find_node_tree(material)
+    if node_tree is None:
+        closures = [raytracer.Closure("diffuse", color=read_color(material.diffuse_color))]
+    else:
+        closures = read_output(versions.find_output_node(node_tree), builder)
+    program = find_program(closures, builder)
+    return raytracer.Material(
+        closures,
+        pass_index=material.pass_index,
+        name=material.name,
+        program=program,
+        transparent_shadow=material.use_transparent_shadow,
+    )
+
+
+def find_program(closures: Sequence[raytracer.Closure], builder: ProgramBuilder) -> Program | None:
+    """Return the program that closures read, or None where all are constant."""
+    return Program(builder.steps) if any(closure.registers for closure in closures) else None
+
+
+def read_output(output: Any, builder: ProgramBuilder) -> list[raytracer.Closure]:
+    """Return the closures of a material's output node: none (black) without one, transparent for a mere volume."""
+    place = builder.place
+    if output is None:
+        place.warn("no output node, the surface is black")
+        return []
+    surface, volume, displacement = output.inputs["Surface"], output.inputs["Volume"], output.inputs["Displacement"]
+    for socket in (volume, displacement):
+        if socket.is_linked:
+            place.warn(f"{socket.name} is not supported, left out")
+    if volume.is_linked and not surface.is_linked:
+        return [raytracer.Closure("transparent", color=1.0)]
+    closures = read_shader(surface, (), 1.0, builder)
+    if surface.is_linked and not closures:
+        place.warn("no shader reaches the output node, the surface is black")
+    return closures
+
+
+@dataclass(frozen=True)
+class MaterialEntry:
+    """One material.
+
+    identity : its `session_uid`, 0 for the default grey
+    object_name : where it was met first, which its warnings say
+    attributes : names of those of meshes that it reads
+    warnings : what could not be honoured
+    """
+
+    identity: int
+    object_name: str
+    record: raytracer.Material
+    attributes: frozenset[str]
+    warnings: tuple[Warning, ...]
+
+
+class MaterialTable:
+    """The scene's materials, each extracted once, numbered in the order they are met."""
+
+    def __init__(self, warnings: WarningList, kept: Kept | None = None) -> None:
+        self.entries: list[MaterialEntry] = []
+        self._indices: dict[int, int] = {}
+        self._warnings, self._kept = warnings, kept or Kept()
+        self.images = ImageTable(self._kept)
+
+    @property
+    def records(self) -> list[raytracer.Material]:
+        return [entry.record for entry in self.entries]
+
+    def find_index(self, material: Any, object_name: str) -> int:
+        """Return the index of an evaluated material, or of Cycles' default, grey, for None."""
+        identity = material.original.session_uid if material is not None else 0
+        if not self.can_reuse(identity, object_name):
+            self._add(self._read(material, identity, object_name))
+        return self.reuse(identity)
+
+    def can_reuse(self, identity: int, object_name: str) -> bool:
+        """True where a material is known, or is as it was in the last extraction."""
+        last = self._kept.materials.get(identity)
+        if identity in self._indices or last is None:
+            return identity in self._indices
+        says_same = not last.warnings or last.object_name == object_name
+        return says_same and self._kept.trusts_materials and self._kept.trusts(identity)
+
+    def reuse(self, identity: int) -> int:
+        """Return the index of a material that can be reused."""
+        if identity not in self._indices:
+            self._add(self._kept.materials[identity])
+        return self._indices[identity]
+
+    def _read(self, material: Any, identity: int, object_name: str) -> MaterialEntry:
+        own = WarningList()
+        if material is None:
+            record = raytracer.Material((raytracer.Closure(versions.default_shader(), color=GREY),), name="default")
+        else:
+            record = extract_material(material, object_name, self.images, own)
+        attributes = list_attributes(record.program) if record.program else ()
+        return MaterialEntry(identity, object_name, record, frozenset(attributes), own.records)
+
+    def _add(self, entry: MaterialEntry) -> None:
+        self._indices[entry.identity] = len(self.entries)
+        self.entries.append(entry)
+        self._warnings.include(entry.warnings)
+
+    def find_identity(self, index: int) -> int:
+        """Return the `session_uid` of a material, 0 for the default grey."""
+        return self.entries[index].identity
+
+    def list_attributes(self, indices: Sequence[int]) -> set[str]:
+        """Return the names of the mesh attributes that some of the materials read."""
+        names = set[str]().union(*(self.entries[index].attributes for index in indices))
+        return {name.removeprefix(TANGENT) for name in names}
+
+    @property
+    def read_object_info(self) -> bool:
+        """True where a material reads the random number or the color of its object."""
+        programs = [record.program for record in self.records if record.program is not None]
+        return any(step.operation in OBJECT_READERS for program in programs for step in list_steps(program))
+
+    def find_slots(self, slots: Any, used: Sequence[int], override: Any, object_name: str) -> tuple[int, ...]:
+        """Return the material index of each slot number in `used`; numbers beyond the last slot mean the last.
+
+        slots : an object's material slots (data- or object-linked)
+        override : the view layer's material for everything, or None
+        """
+        chosen = [slot.material for slot in slots] or [None]
+        return tuple(self.find_index(override or chosen[min(slot, len(chosen) - 1)], object_name) for slot in used)

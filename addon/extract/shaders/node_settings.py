@@ -1,0 +1,188 @@
+"""What a step is told besides its inputs: properties of Blender's nodes as plain data, by operation.
+
+Most are the node's own properties under the same names; a reader stands here for those that are not plain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from raytracer.scene.programs import Program
+from raytracer.shading.evaluate import OPERATIONS
+from raytracer.shading.nodes.ramps import TABLE_SIZE
+
+from ... import versions
+from .images import ImageTable, is_associated
+from .nodes import Groups, Place, find_link, find_socket
+from .skies import read_sky_settings
+
+# The attributes that Blender's nodes read without naming them.
+DEFAULT_UV, DEFAULT_COLOR, GENERATED = "uv", "vertex_color", "generated"
+
+Settings = dict[str, Any]
+
+
+class Builder(Protocol):
+    """What readers of settings ask of the builder of a program, `programs.ProgramBuilder`."""
+
+    place: Place
+    images: ImageTable
+    pass_index: int
+
+    def build_inner(self, socket: Any, groups: Groups) -> Program:
+        """Return a program of its own for the number that feeds a socket."""
+        ...
+
+
+Reader = Callable[[Builder, Any, Groups, str], Settings]
+
+
+def read_settings(builder: Builder, node: Any, name: str, groups: Groups, output: str) -> Settings:
+    """Return the settings of the operation `name` for a node's output."""
+    if name in READERS:
+        return READERS[name](builder, node, groups, output)
+    return {setting: getattr(node, setting) for setting in OPERATIONS[name].settings}
+
+
+def is_left_out(node: Any) -> bool:
+    """True for a Bump node without height: it hands its normal on."""
+    return node.type == "BUMP" and find_link(find_socket(node.inputs, "Height")) is None
+
+
+def read_attribute_name(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Attribute, Color Attribute, UV Map and Texture Coordinate: which attribute they read."""
+    if getattr(node, "from_instancer", False):
+        builder.place.warn(f"node '{node.name}': From Instancer is not supported, the object's own are used")
+    if node.type == "ATTRIBUTE" and node.attribute_type != "GEOMETRY":
+        kind = node.attribute_type.title().replace("_", " ")
+        builder.place.warn(f"node '{node.name}': attributes of type {kind} are not supported, 0 is used")
+        return {"name": ""}
+    names = {
+        "ATTRIBUTE": lambda: node.attribute_name,
+        "VERTEX_COLOR": lambda: node.layer_name or DEFAULT_COLOR,
+        "UVMAP": lambda: node.uv_map or DEFAULT_UV,
+        "TEX_COORD": lambda: GENERATED if output == "Generated" else DEFAULT_UV,
+    }
+    return {"name": names[node.type]()}
+
+
+def read_object(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Texture Coordinate: the object whose space is meant; None is the one that is hit."""
+    if node.object is None:
+        return {"object_from_world": None}
+    matrix = np.array(node.object.matrix_world, dtype=np.float64)
+    if abs(np.linalg.det(matrix)) == 0:
+        return {"object_from_world": np.zeros((4, 4))}
+    return {"object_from_world": np.linalg.inv(matrix)}
+
+
+def read_image_settings(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Image Texture: the image, and how it is read."""
+    return {
+        "image": builder.images.find_image(node.image, node.name, builder.place),
+        "interpolation": node.interpolation,
+        "extension": node.extension,
+        "projection": node.projection,
+        "projection_blend": node.projection_blend,
+        # As in Cycles: colors stay multiplied by alpha where nothing reads the alpha.
+        "unassociate": node.outputs["Alpha"].is_linked and is_associated(node.image),
+    }
+
+
+def read_environment_settings(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Environment Texture: the image, and how it is wrapped round the world."""
+    return {
+        "image": builder.images.find_image(node.image, node.name, builder.place),
+        "interpolation": node.interpolation,
+        "projection": node.projection,
+    }
+
+
+def read_ramp(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Color Ramp: what Blender itself evaluates, at even steps."""
+    ramp = node.color_ramp
+    table = np.array([ramp.evaluate(k / (TABLE_SIZE - 1)) for k in range(TABLE_SIZE)])  # (256, 4)
+    return {"table": table, "interpolate": ramp.interpolation != "CONSTANT"}
+
+
+def read_curves(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """RGB, Vector and Float Curves: what Blender itself evaluates, at even steps of the curves' whole range."""
+    mapping = node.mapping
+    mapping.initialize()
+    curves = list(mapping.curves)
+    ends = [point.location[0] for curve in curves for point in curve.points]
+    low, high = (min(ends), max(ends)) if max(ends) > min(ends) else (0.0, 1.0)
+    places = low + np.arange(TABLE_SIZE) / (TABLE_SIZE - 1) * (high - low)
+    combined = curves[3] if node.type == "CURVE_RGB" else None
+
+    def evaluate(curve: Any, place: float) -> float:
+        return mapping.evaluate(curve, mapping.evaluate(combined, place) if combined else place)
+
+    columns = [[evaluate(curve, float(place)) for place in places] for curve in curves[:3]]
+    return {
+        "table": np.array(columns).T,  # (256, 1 or 3)
+        "low": float(low),
+        "high": float(high),
+        "extrapolate": mapping.extend == "EXTRAPOLATED",
+    }
+
+
+def read_normal_map(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Normal Map: Blender 5.2 also reads maps whose green points down (DirectX)."""
+    return {
+        "space": node.space,
+        "name": node.uv_map or DEFAULT_UV,
+        "invert_green": getattr(node, "convention", "OPENGL") == "DIRECTX",
+    }
+
+
+def read_bump(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Bump: the height is a program of its own, for it is run beside the point as well."""
+    height = builder.build_inner(find_socket(node.inputs, "Height"), groups)
+    return {"height": height, "invert": node.invert}
+
+
+def read_direction(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Normal: the direction lies in the output socket."""
+    return {"direction": np.array(node.outputs["Normal"].default_value[:3], dtype=np.float64)}
+
+
+def read_material_index(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    return {"pass_index": builder.pass_index}
+
+
+def read_occlusion(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Ambient Occlusion: a constant distance of 0 stands for the world's own, which is not looked up."""
+    distance = find_socket(node.inputs, "Distance")
+    if find_link(distance) is None and distance.default_value == 0:
+        builder.place.warn(f"node '{node.name}' (Ambient Occlusion) has no distance of its own, nothing occludes")
+    return {name: getattr(node, name) for name in ("samples", "inside", "only_local")}
+
+
+def read_voronoi(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    names = ("feature", "distance", "normalize", "voronoi_dimensions")
+    return {**{name: getattr(node, name) for name in names}, "whole": versions.has_whole_cells()}
+
+
+READERS: dict[str, Reader] = {
+    **{f"ATTRIBUTE {output}": read_attribute_name for output in ("Vector", "Fac", "Alpha")},
+    "VERTEX_COLOR Alpha": read_attribute_name,
+    "TEX_COORD Object": read_object,
+    "TEX_IMAGE": read_image_settings,
+    "TEX_ENVIRONMENT": read_environment_settings,
+    "TEX_SKY": lambda builder, node, groups, output: read_sky_settings(node),
+    "VALTORGB": read_ramp,
+    **{f"CURVE_{kind}": read_curves for kind in ("RGB", "VEC", "FLOAT")},
+    "NORMAL_MAP": read_normal_map,
+    "BUMP": read_bump,
+    "NORMAL Normal": read_direction,
+    "NORMAL Dot": read_direction,
+    "TANGENT UV_MAP": lambda builder, node, groups, output: {"name": node.uv_map or DEFAULT_UV},
+    "TANGENT RADIAL": lambda builder, node, groups, output: {"axis": node.axis, "name": GENERATED},
+    "OBJECT_INFO Material Index": read_material_index,
+    "AMBIENT_OCCLUSION": read_occlusion,
+    "TEX_VORONOI": read_voronoi,
+}

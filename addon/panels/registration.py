@@ -1,0 +1,26 @@
+"""Adds the panels to Blender, joins the built-in ones, and takes all of that out."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import built_in, last_render, presets, render, scene_data, view_layer
+
+# In the order of each tab.
+CLASSES = (*presets.CLASSES, *render.CLASSES, *last_render.CLASSES, *view_layer.CLASSES, *scene_data.CLASSES)
+
+register_classes, unregister_classes = bpy.utils.register_classes_factory(CLASSES)
+
+
+def register() -> None:
+    """Add the panels and join the built-in ones."""
+    presets.register_path()
+    register_classes()
+    built_in.join()
+
+
+def unregister() -> None:
+    """Leave the built-in panels and take the own ones out."""
+    built_in.leave()
+    unregister_classes()
+    presets.unregister_path()

@@ -1,0 +1,40 @@
+"""Adds all that the add-on brings to Blender, part by part, and takes it out in the reverse order."""
+
+from __future__ import annotations
+
+import atexit
+from typing import Any
+
+from . import inspector, panels, properties
+from .compare import window
+from .compare.window import operators
+from .engine import engine
+from .scripting import held
+
+PARTS = (properties, engine, panels, inspector, window)
+
+_registered: list[Any] = []
+
+
+def register(*more: Any) -> None:
+    """Add the parts, and `more` of them, to Blender."""
+    for part in (*PARTS, *more):
+        part.register()
+        _registered.append(part)
+    atexit.register(_leave)
+
+
+def unregister() -> None:
+    """Take out everything that `register` added."""
+    atexit.unregister(_leave)
+    held.unregister()
+    while _registered:
+        _registered.pop().unregister()
+
+
+def _leave() -> None:
+    """End what runs, at Python's end. Blender 4.2 crashes and 4.5 hangs there while a render engine is registered; the
+    Blender application has already let go of all classes."""
+    operators.end_process()
+    if engine.ReferenceRaytracerEngine.is_registered:
+        unregister()

@@ -1,0 +1,104 @@
+"""The caster that is kept from call to call, one for each view layer and mode, and brought up to date by comparison.
+
+Only arrays are kept, no handle to Blender's data: undo, deletion and a new file cannot leave anything dangling. A new
+file lets go of the arrays as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+from numpy.typing import NDArray
+
+import raytracer
+
+from .placements import Key, Placement, ShapeTable, list_placements
+from .shapes import Shape
+
+# A scene's `session_uid`, the name of its view layer, viewport or render mode.
+View = tuple[int, str, str]
+# Casters that are kept: those used last. A script rarely turns between more views, and each may be large.
+MOST_HELD = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """What rays are cast into, and what it was made from.
+
+    shapes : by key
+    shape_of_placement : (i,) the shape of each placement; placements are the scene's instances
+    world_from_object : (i, 4, 4) float64
+    mirrored : (i,) bool, True where the matrix turns the winding around
+    polygons : (t + 1,) int32, the polygons of all triangles of all shapes, then -1
+    first_polygon : (i + 1,) int64, entry of `polygons` at which each placement's begin; then t + 1, so that a miss,
+        with instance and primitive -1, finds -1
+    """
+
+    shapes: dict[Key, Shape]
+    shape_of_placement: tuple[Shape, ...]
+    world_from_object: NDArray[np.float64]
+    mirrored: NDArray[np.bool_]
+    polygons: NDArray[np.int32]
+    first_polygon: NDArray[np.int64]
+    caster: raytracer.Caster
+
+
+_held: dict[View, Held] = {}
+
+
+def find_held(depsgraph: Any) -> tuple[Held, list[Any]]:
+    """Return what can be hit as it is now, and the original object of each placement."""
+    view = depsgraph.scene.session_uid, depsgraph.view_layer.name, depsgraph.mode
+    last = _held.pop(view, None)
+    table = ShapeTable(last.shapes if last else {})
+    placements = list_placements(depsgraph, table)
+    held = renew(last, table.shapes, placements)
+    _held[view] = held  # at the end: the order is that of use
+    while len(_held) > MOST_HELD:
+        del _held[next(iter(_held))]
+    if forget not in bpy.app.handlers.load_post:
+        bpy.app.handlers.load_post.append(forget)
+    return held, [placement.original for placement in placements]
+
+
+def renew(last: Held | None, shapes: dict[Key, Shape], placements: list[Placement]) -> Held:
+    """Return `last` where nothing moved or changed, or what takes its place; trees of what did not move are kept."""
+    shape_of_placement = tuple(placement.shape for placement in placements)
+    matrices = np.array([placement.world_from_object for placement in placements]).reshape(-1, 4, 4)
+    if last and last.shape_of_placement == shape_of_placement and np.array_equal(last.world_from_object, matrices):
+        return last
+    distinct = list(dict.fromkeys(shape_of_placement))
+    number = {shape: row for row, shape in enumerate(distinct)}
+    mesh = np.array([number[shape] for shape in shape_of_placement], dtype=np.int32)
+    scene = raytracer.Scene(
+        meshes=[shape.mesh for shape in distinct],
+        instances=raytracer.Instances(mesh=mesh, world_from_object=matrices),
+    )
+    polygons = np.concatenate([*(shape.polygons for shape in distinct), np.array([-1], dtype=np.int32)])
+    first = np.cumsum([0, *(len(shape.polygons) for shape in distinct)])
+    return Held(
+        shapes,
+        shape_of_placement,
+        matrices,
+        mirrored=np.linalg.det(matrices[:, :3, :3]) < 0,
+        polygons=polygons,
+        first_polygon=np.append(first[mesh], len(polygons)),
+        caster=raytracer.build(scene, last=last.caster if last else None),
+    )
+
+
+@persistent
+def forget(*_: Any) -> None:
+    """Let go of all casters; called when a file is loaded."""
+    _held.clear()
+
+
+def unregister() -> None:
+    """Let go of all casters, and of being called."""
+    forget()
+    if forget in bpy.app.handlers.load_post:
+        bpy.app.handlers.load_post.remove(forget)

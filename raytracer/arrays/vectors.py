@@ -1,0 +1,46 @@
+"""Unit vectors and orthonormal frames, as arrays of rows.
+
+What the lecture leaves to linear algebra: lengths of one, and two axes at right angles to a third.
+
+References
+----------
+T. Duff et al., "Building an Orthonormal Basis, Revisited", Journal of Computer Graphics Techniques 6(1), 2017.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from raytracer.arrays.types import Floats
+from raytracer.lecture import dot, length
+
+
+def normalize(vectors: Floats) -> Floats:
+    """v / |v| of (n, 3) vectors; a vector of zeros stays zero. The largest component is divided out first, so that
+    neither tiny nor huge vectors under- or overflow."""
+    scale = np.abs(vectors).max(axis=-1, keepdims=True, initial=0.0)
+    scaled = vectors / np.where(scale > 0, scale, 1.0)
+    return scaled / np.where(scale > 0, length(scaled)[..., np.newaxis], 1.0)
+
+
+def make_frame(normals: Floats) -> tuple[Floats, Floats]:
+    """Return two unit vectors, each (n, 3), that form a right-handed frame (u, v, normal) with unit normals (n, 3)."""
+    x, y, z = normals[:, 0], normals[:, 1], normals[:, 2]
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    u = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
+    v = np.stack([b, sign + y * y * a, -y], axis=1)
+    return u, v
+
+
+def to_world(local: Floats, normals: Floats) -> Floats:
+    """Return x u + y v + z n for local (n, 3) components in the frames of unit normals (n, 3)."""
+    u, v = make_frame(normals)
+    return local[:, 0:1] * u + local[:, 1:2] * v + local[:, 2:3] * normals
+
+
+def reflect(outgoing: Floats, normals: Floats) -> Floats:
+    """2 (o . n) n - o: the mirror image of unit directions o about unit normals n, both (n, 3) and leaving the
+    surface."""
+    return 2.0 * dot(outgoing, normals)[:, np.newaxis] * normals - outgoing

@@ -1,0 +1,48 @@
+"""Kinds of bounces, as bits, and how many of each a path has taken.
+
+References
+----------
+Blender, intern/cycles/kernel/integrator/path_state.h: which bounces count as what.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from raytracer.arrays.rows import sum_columns
+from raytracer.arrays.types import Counts, Floats, Kinds
+
+# The bits of a kind. A reflection lacks TRANSMITTED, and is DIFFUSE or GLOSSY; what is SINGULAR is GLOSSY as well.
+STRAIGHT, DIFFUSE, GLOSSY, SINGULAR, TRANSMITTED = 0, 1, 2, 4, 8
+
+
+# Counts (n, 3) of bounces: diffuse reflections, glossy reflections, transmissions of any kind.
+COUNTED = ("diffuse", "glossy", "transmission")
+
+
+# The column of each kind.
+COLUMN_OF_KIND = np.array([2 if kind & TRANSMITTED else 0 if kind & DIFFUSE else 1 for kind in range(16)])
+
+
+def count_bounces(counts: Counts, kind: Kinds) -> Counts:
+    """Return the counts (n, 3) of paths after a bounce of each `kind` (n,); straight passages count nowhere."""
+    counts = counts.copy()
+    rows = np.flatnonzero(kind)
+    counts[rows, COLUMN_OF_KIND[kind[rows]]] += 1
+    return counts
+
+
+def describe_kinds(kind: Kinds, counts: Counts) -> dict[str, Floats]:
+    """Return what the Light Path node tells of rays of each `kind` (n,), as 0 or 1, and depths; all (n,) float64."""
+    transmitted = (kind & TRANSMITTED) > 0
+    flags = {
+        "camera": kind == STRAIGHT,
+        "diffuse": (kind & DIFFUSE) > 0,
+        "glossy": (kind & GLOSSY) > 0,
+        "singular": (kind & SINGULAR) > 0,
+        "reflection": (kind != STRAIGHT) & ~transmitted,
+        "transmission": transmitted,
+        "depth": sum_columns(counts),
+        **{f"{name}_depth": counts[:, column] for column, name in enumerate(COUNTED)},
+    }
+    return {name: values.astype(np.float64) for name, values in flags.items()}

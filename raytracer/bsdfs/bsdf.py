@@ -1,0 +1,239 @@
+"""Where light goes on from a surface: the mixture of all ways to continue, sampled and weighed.
+
+A point's options are its passage (transparency), its microfacet lobes, and, where diffuse reflection is followed, its
+Lambertian parts; one is taken at random, in proportion to the light it sends on. The direct-light integrator leaves out
+the last, and takes the light of diffuse surfaces by aiming at lights alone.
+
+References
+----------
+E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, chapter 9: multiple importance sampling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.rows import any_column, mean_column, sum_columns, take_rows
+from raytracer.arrays.types import Booleans, Floats, Kinds
+from raytracer.arrays.vectors import to_world
+from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
+from raytracer.bsdfs.closures import Shading, TiltedDiffuse
+from raytracer.bsdfs.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
+from raytracer.lecture import dot
+from raytracer.sampling.warps import sample_cosine_hemisphere
+
+# The reciprocals of squared cosines stay finite, and so do their products.
+SMALLEST_SQUARE = 2.0**-500
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Continuation:
+    """The way on from n points.
+
+    direction : (n, 3) float64, unit
+    weight : (n, 3) float64, f |cos| / density: what the light from there counts; 0 where the path ends
+    density : (n,) float64, per solid angle; inf where no other way leads to this direction
+    kind : (n,) uint8, of the bounce (`bounces`); STRAIGHT where the ray goes straight through the surface
+    """
+
+    direction: Floats
+    weight: Floats
+    density: Floats
+    kind: Kinds
+
+    @property
+    def passes(self) -> Booleans:
+        """(n,) True where the ray goes straight through the surface."""
+        return self.kind == STRAIGHT
+
+    @property
+    def alive(self) -> Booleans:
+        """(n,) True where the path goes on."""
+        return any_column(self.weight > 0)
+
+
+def option_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
+    """Return the probability of each option: the passage first, then the lobes, (n, 1 + lobes); rows of 0 have none.
+
+    with_diffuse : True appends the Lambertian parts, that of the surface's normal first: (n, 2 + lobes + tilted)
+    """
+    count = 1 + len(shading.lobes)
+    shares = np.zeros((len(shading), count + (1 + len(shading.tilted) if with_diffuse else 0)))
+    shares[:, 0] = mean_column(shading.transparency)
+    for column, lobes in enumerate(shading.lobes, start=1):
+        shares[lobes.hit, column] = mean_column(lobes.weight) * lobes.albedo
+    if with_diffuse:
+        shares[:, count] = mean_column(shading.diffuse)
+        for column, part in enumerate(shading.tilted, start=count + 1):
+            shares[part.hit, column] = mean_column(part.albedo)
+    total = sum_columns(shares)[:, np.newaxis]
+    return np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
+
+
+def follows_diffuse(shading: Shading, probabilities: Floats) -> bool:
+    """True where the Lambertian parts are among the options."""
+    return probabilities.shape[1] > 1 + len(shading.lobes)
+
+
+def evaluate_lobes(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
+    """Return f |cos| (n, 3) of all lobes at each point for light from `incoming` (n, 3), unit, and the density (n,) per
+    solid angle with which `sample_continuation` takes that direction."""
+    specular, density = np.zeros((len(shading), 3)), np.zeros(len(shading))
+    for column, lobes in enumerate(shading.lobes, start=1):
+        lobes = _select_facing(shading, lobes, incoming)
+        rows = lobes.hit
+        value, lobe_density = evaluate_microfacets(
+            lobes, *(take_rows(vectors, rows) for vectors in (shading.outgoing, incoming, shading.geometric_normal))
+        )
+        specular[rows] += value
+        density[rows] += probabilities[rows, column] * lobe_density
+    return specular, density
+
+
+def evaluate_diffuse(shading: Shading, incoming: Floats) -> Floats:
+    """Return f |cos| (n, 3) of all Lambertian parts for light from `incoming` (n, 3), unit."""
+    value = shading.diffuse * (np.maximum(dot(shading.normal, incoming), 0.0) / np.pi)[:, np.newaxis]
+    for part in shading.tilted:
+        value[part.hit] += evaluate_tilted(part, shading.normal[part.hit], incoming[part.hit])
+    return value
+
+
+def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats) -> Floats:
+    """Return the density (n,) with which `sample_continuation` takes `incoming` for one of the Lambertian parts.
+
+    It is cos / pi about each part's normal, but nothing on the surface's other side, where directions are refused.
+    """
+    first = 1 + len(shading.lobes)
+    above = dot(shading.geometric_normal, incoming) > 0
+    density = np.where(above, probabilities[:, first] * np.maximum(dot(shading.normal, incoming), 0.0), 0.0)
+    for column, part in enumerate(shading.tilted, start=first + 1):
+        cosine = np.maximum(dot(part.normal, incoming[part.hit]), 0.0)
+        density[part.hit] += np.where(above[part.hit] != part.transmits, probabilities[part.hit, column] * cosine, 0.0)
+    return density / np.pi
+
+
+def evaluate_options(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
+    """Return f |cos| (n, 3) and the density (n,) of all options but the passage, as `evaluate_lobes`."""
+    if not follows_diffuse(shading, probabilities):
+        return evaluate_lobes(shading, probabilities, incoming)
+    value, density = evaluate_diffuse(shading, incoming), diffuse_density(shading, probabilities, incoming)
+    if shading.lobes:
+        specular, lobe_density = evaluate_lobes(shading, probabilities, incoming)
+        value += specular
+        density += lobe_density
+    return value, density
+
+
+def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats) -> Floats:
+    """Return f |cos| (m, 3) of Lambertian parts with normals b of their own, for light from `incoming` i (m, 3).
+
+    Light from behind the surface's own `normal` n (m, 3) is cut; before that it fades out as if the bumps were facets
+    that shadow each other: by 2 / (1 + sqrt(1 + a^2 tan^2(n, i))) with a^2 = tan^2(n, b) / 8, at most 1.
+
+    References
+    ----------
+    A. Conty Estevez, P. Lecocq, C. Stein, "A Microfacet-Based Shadowing Function to Solve the Bump Terminator
+    Problem", Ray Tracing Gems, 2019; Cycles' bump_shadowing_term since Blender 5.0 (before, another fading).
+    """
+    across, bend = dot(normal, incoming), dot(normal, part.normal)
+    roughness = np.minimum(_squared_tangent(bend) / 8.0, 1.0)
+    fading = 2.0 / (1.0 + np.sqrt(1.0 + roughness * _squared_tangent(across)))
+    return part.evaluate(incoming) * np.where(across * bend > 0, fading, 0.0)[:, np.newaxis]
+
+
+def _squared_tangent(cosine: Floats) -> Floats:
+    """tan^2 of angles, from their cosines (m,); a huge number at a right angle."""
+    square = np.clip(cosine * cosine, SMALLEST_SQUARE, 1.0)
+    return (1.0 - square) / square
+
+
+def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Microfacets:
+    """Return the lobes that may send light from `incoming` (n, 3) back: perfect ones never, others to the side of the
+    surface that they reflect or transmit to."""
+    above = dot(lobes.normal, incoming.take(lobes.hit, axis=0)) > 0
+    facing = ~lobes.is_perfect & np.where(above, any_column(lobes.reflection > 0), any_column(lobes.transmission > 0))
+    return lobes if facing.all() else lobes.select(np.flatnonzero(facing))
+
+
+def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats, pair: Floats) -> Continuation:
+    """Take one of each point's options.
+
+    choice, pair : (n,), (n, 2) uniform numbers; what is left of `choice` within its option decides between reflection
+        and refraction
+    """
+    count = len(shading)
+    option, rest = _choose_option(probabilities, choice)
+    way = Continuation(-shading.outgoing, np.zeros((count, 3)), np.full(count, np.inf), np.zeros(count, dtype=np.uint8))
+    straight = np.flatnonzero(option == 0)
+    way.weight[straight] = take_rows(shading.transparency, straight) / probabilities[straight, 0:1]
+    spread = np.zeros(count, dtype=np.bool_)
+    for column, lobes in enumerate(shading.lobes, start=1):
+        lobes = lobes.select(option[lobes.hit] == column)
+        if len(lobes):
+            _sample_lobes(way, spread, shading, lobes, probabilities[lobes.hit, column], rest, pair)
+    if follows_diffuse(shading, probabilities):
+        _sample_diffuse(way, spread, shading, option, pair)
+    if spread.any():
+        value, density = evaluate_options(shading, probabilities, way.direction)
+        found = np.flatnonzero(spread & (density > 0))
+        way.density[found] = density[found]
+        way.weight[found] = take_rows(value, found) / density[found, np.newaxis]
+    return way
+
+
+def _sample_lobes(
+    way: Continuation,
+    spread: Booleans,
+    shading: Shading,
+    lobes: Microfacets,
+    probability: Floats,
+    rest: Floats,
+    pair: Floats,
+) -> None:
+    """Fill in the directions of the points that take a lobe, and mark those (`spread`) that wait for their weights."""
+    rows = lobes.hit
+    outgoing, normal = take_rows(shading.outgoing, rows), take_rows(shading.geometric_normal, rows)
+    sample = sample_microfacets(lobes, outgoing, normal, rest[rows], take_rows(pair, rows))
+    way.direction[rows] = sample.direction
+    perfect = sample.valid & sample.perfect
+    way.weight[rows] = np.where(perfect[:, np.newaxis], sample.weight / probability[:, np.newaxis], 0.0)
+    spread[rows] = sample.valid & ~sample.perfect
+    transmitted = np.where(dot(lobes.normal, sample.direction) < 0, TRANSMITTED, 0)
+    way.kind[rows] = GLOSSY | np.where(sample.perfect, SINGULAR, 0) | transmitted
+
+
+def _sample_diffuse(
+    way: Continuation, spread: Booleans, shading: Shading, option: NDArray[np.intp], pair: Floats
+) -> None:
+    """Likewise of the points that take a Lambertian part: directions around its normal with density cos / pi."""
+    first = 1 + len(shading.lobes)
+    normal = shading.normal
+    if shading.tilted:
+        normal = normal.copy()
+        for column, part in enumerate(shading.tilted, start=first + 1):
+            taken = option[part.hit] == column
+            normal[part.hit[taken]] = part.normal[taken]
+            way.kind[part.hit[taken]] = DIFFUSE | TRANSMITTED if part.transmits else DIFFUSE
+    rows = np.flatnonzero(option >= first)
+    way.direction[rows] = to_world(sample_cosine_hemisphere(take_rows(pair, rows)), take_rows(normal, rows))
+    way.kind[rows] |= DIFFUSE
+    spread[rows] = True
+
+
+def _choose_option(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Return the option (n,) whose interval of the unit interval holds `choice`, and where in it, in [0, 1).
+
+    The option of a point that has none is -1.
+    """
+    upper = np.cumsum(probabilities, axis=1)
+    at = choice * upper[:, -1]
+    option = (at[:, np.newaxis] >= upper).sum(axis=1)
+    option[upper[:, -1] == 0] = -1
+    rows = np.arange(len(choice))
+    width = probabilities[rows, option]
+    lower = upper[rows, option] - width
+    rest = np.divide(at - lower, width, out=np.zeros_like(choice), where=width > 0)
+    return option, np.clip(rest, 0.0, np.nextafter(1.0, 0.0))

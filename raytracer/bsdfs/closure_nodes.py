@@ -1,0 +1,157 @@
+"""Blender's shader nodes as sums of parts.
+
+Each function takes closures of one kind, one per hit, and turns them into what they are made of: it adds to the diffuse
+parts of the hits and returns microfacet lobes; `SCATTERING` lists them.
+
+References
+----------
+Blender, intern/cycles/kernel/svm/closure.h: what the nodes are made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from raytracer.arrays.types import Floats
+from raytracer.arrays.vectors import reflect
+from raytracer.bsdfs.closures import Closures, Points
+from raytracer.bsdfs.diffuse import Toon, Velvet, make_sheen
+from raytracer.bsdfs.fresnel import (
+    CONDUCTOR,
+    CONSTANT,
+    DIELECTRIC,
+    METAL,
+    conductor_reflectance,
+    metal_coefficient,
+    metal_mean,
+    metal_slope,
+    normal_reflectance,
+)
+from raytracer.bsdfs.lobes import Facets, make_lobes, read_grain, split_distributions, stretch_grain
+from raytracer.bsdfs.microfacet import Microfacets
+from raytracer.bsdfs.principled import add_matte, add_principled
+
+Lobes = list[Microfacets]
+
+
+def _colors(closures: Closures) -> Floats:
+    """(k, 3) weight times colour."""
+    return closures.weight[:, np.newaxis] * closures.color
+
+
+def _add_diffuse(closures: Closures, points: Points) -> Lobes:
+    color = closures.color
+    add_matte(closures, points, closures.weight[:, np.newaxis] * color, color)
+    return []
+
+
+def _add_translucent(closures: Closures, points: Points) -> Lobes:
+    """Lambertian on the far side."""
+    points.add_part(-points.specular_normal()[0], _colors(closures), transmits=True)
+    return []
+
+
+def _add_sheen(closures: Closures, points: Points) -> Lobes:
+    shape, albedo = make_sheen(points.normal, points.outgoing, closures.roughness)
+    points.add_part(points.normal, _colors(closures) * albedo[:, np.newaxis], shape)
+    return []
+
+
+def _add_velvet(closures: Closures, points: Points) -> Lobes:
+    points.add_part(points.normal, _colors(closures), Velvet(points.normal, points.outgoing, closures.roughness))
+    return []
+
+
+def _add_toon(closures: Closures, points: Points) -> Lobes:
+    shape = Toon(points.normal, points.normal, closures.size, closures.smooth)
+    points.add_part(points.normal, _colors(closures), shape)
+    return []
+
+
+def _add_glossy_toon(closures: Closures, points: Points) -> Lobes:
+    """Toon around the mirror direction; sampled as a diffuse part."""
+    axis = reflect(points.outgoing, points.normal)
+    points.add_part(points.normal, _colors(closures), Toon(points.normal, axis, closures.size, closures.smooth))
+    return []
+
+
+def _add_glossy(closures: Closures, points: Points) -> Lobes:
+    """Facets that reflect the colour whatever the angle."""
+    lobes = []
+    for some, where, beckmann in split_distributions(closures, points):
+        white = np.ones_like(some.color)
+        facets = Facets(CONSTANT, white, 0.0 * white, white, 0.0 * white)
+        grain = stretch_grain(read_grain(some, beckmann), some, where, glossy=True)
+        lobes.append(make_lobes(some, where, _colors(some), white[:, 0], facets, grain, mean_color=some.color))
+    return lobes
+
+
+def _add_metal(closures: Closures, points: Points) -> Lobes:
+    """Reflectance from the colour at normal incidence to white at the border, tinted at 82 degrees."""
+    lobes = []
+    for some, where, beckmann in split_distributions(closures, points):
+        f0 = np.minimum(some.color, 1.0)
+        f82 = metal_coefficient(f0, np.minimum(some.specular_tint, 1.0))
+        lobes.append(_reflect_metal(some, where, beckmann, METAL, f0, f82, metal_mean(f0, f82)))
+    return lobes
+
+
+def _add_conductor(closures: Closures, points: Points) -> Lobes:
+    """Fresnel's reflectance of a complex index; further bounces by the metal that fits it at 0 and 82 degrees."""
+    lobes = []
+    for some, where, beckmann in split_distributions(closures, points):
+        index, extinction = some.color, some.extinction
+        f0, bent = (conductor_reflectance(np.array(cosine), index, extinction) for cosine in (1.0, 1.0 / 7.0))
+        mean = np.clip(metal_mean(f0, metal_slope(f0, bent)), 0.0, 1.0)
+        lobes.append(_reflect_metal(some, where, beckmann, CONDUCTOR, index, extinction, mean))
+    return lobes
+
+
+def _reflect_metal(
+    closures: Closures, points: Points, beckmann: bool, fresnel: int, f0: Floats, f82: Floats, mean: Floats
+) -> Microfacets:
+    white = np.ones_like(f0)
+    weight = np.repeat(closures.weight[:, np.newaxis], 3, axis=1)
+    grain = stretch_grain(read_grain(closures, beckmann), closures, points)
+    facets = Facets(fresnel, f0, f82, white, 0.0 * white)
+    return make_lobes(closures, points, weight, white[:, 0], facets, grain, mean_color=mean)
+
+
+def _add_glass(closures: Closures, points: Points) -> Lobes:
+    """Reflection and refraction with the colour on both, as Fresnel's formulas share them out."""
+    lobes = []
+    for some, where, beckmann in split_distributions(closures, points):
+        f0 = np.repeat(normal_reflectance(some.ior)[:, np.newaxis], 3, axis=1)
+        facets = Facets(DIELECTRIC, f0, 0.0 * f0, some.color, some.color)
+        weight, eta = np.repeat(some.weight[:, np.newaxis], 3, axis=1), where.relative_ior(some.ior)
+        lobes.append(make_lobes(some, where, weight, eta, facets, read_grain(some, beckmann), mean_color=some.color))
+    return lobes
+
+
+def _add_refraction(closures: Closures, points: Points) -> Lobes:
+    """Refraction of all the light, but for total reflection, without compensation for further bounces, as in Cycles."""
+    lobes = []
+    for some, where, beckmann in split_distributions(closures, points):
+        white = np.ones_like(some.color)
+        facets = Facets(CONSTANT, white, 0.0 * white, 0.0 * white, white)
+        eta = where.relative_ior(some.ior)
+        lobes.append(make_lobes(some, where, _colors(some), eta, facets, read_grain(some, beckmann), mean_color=None))
+    return lobes
+
+
+SCATTERING: dict[str, Callable[[Closures, Points], Lobes]] = {
+    "principled": add_principled,
+    "diffuse": _add_diffuse,
+    "glossy": _add_glossy,
+    "glass": _add_glass,
+    "refraction": _add_refraction,
+    "metal": _add_metal,
+    "conductor": _add_conductor,
+    "translucent": _add_translucent,
+    "sheen": _add_sheen,
+    "velvet": _add_velvet,
+    "toon": _add_toon,
+    "glossy_toon": _add_glossy_toon,
+}

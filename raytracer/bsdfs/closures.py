@@ -1,0 +1,206 @@
+"""What closures say of points, and what they are made of: diffuse albedo, Lambertian and other diffuse parts, lobes.
+
+Nodes (`scattering`, `principled`) take Closures of one kind at Points, one closure per point, add to the Shading of the
+batch and return microfacet lobes. Radiance and transparency, which need no direction, are summed where the table of
+materials is made (`materials`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.rows import mean_column, take_rows
+from raytracer.arrays.types import Floats
+from raytracer.arrays.vectors import normalize
+from raytracer.bsdfs.diffuse import DiffuseShape
+from raytracer.bsdfs.microfacet import Microfacets, tilt_to_reflect
+from raytracer.lecture import dot
+from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_VECTORS, Closure
+from raytracer.scene.programs import Register
+
+Rows = NDArray[np.int64]
+
+# What a Closure says in numbers and colours; its kind decides on the function, its directions stand in `Points`.
+PARAMETERS = tuple(
+    item.name for item in dataclasses.fields(Closure) if item.name not in ("kind", "distribution", *CLOSURE_VECTORS)
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Closures:
+    """n closures of one kind: each of PARAMETERS as an attribute, (n,), or (n, 3) for colours, gathered when asked for.
+
+    columns : by name, one row per material; NaN where a program computes it
+    rows : (n,) int64, the material of each closure
+    computed : by name, (n,) or (n, 3), what programs have computed; NaN elsewhere
+    """
+
+    columns: Mapping[str, Floats]
+    rows: NDArray[Any]
+    computed: Mapping[str, Floats] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getattr__(self, name: str) -> Floats:
+        if name not in (*PARAMETERS, "beckmann"):
+            raise AttributeError(name)
+        values: Floats = self.columns[name][self.rows]
+        if name in self.computed:
+            values = np.where(np.isnan(values), self.computed[name], values)
+        return values
+
+    def uses(self, name: str) -> bool:
+        """False where a parameter is 0 in all materials of the table."""
+        return bool(self.columns[name].any())
+
+    def select(self, rows: Any) -> Closures:
+        """Return some of the closures: index or boolean array."""
+        computed = {name: take_rows(values, rows) for name, values in self.computed.items()}
+        return Closures(self.columns, self.rows[rows], computed)
+
+
+def pack_closures(closures: list[Closure]) -> Closures:
+    """Stack Closure records of any kinds into arrays; what a program computes is NaN, Beckmann's distribution 1."""
+
+    def read(item: Closure, name: str) -> Any:
+        value = getattr(item, name)
+        if not isinstance(value, Register):
+            return value
+        return np.full(3, np.nan) if name in CLOSURE_COLORS else np.nan
+
+    columns = {name: np.array([read(item, name) for item in closures], dtype=np.float64) for name in PARAMETERS}
+    columns["beckmann"] = np.array([item.distribution == "beckmann" for item in closures], dtype=np.float64)
+    return Closures(columns, np.arange(len(closures)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TiltedDiffuse:
+    """Diffuse parts that a texture bends, that are not Lambertian, or that light passes through, for some points of a
+    batch. Sampled as Lambertian ones; their normal points to where light leaves from.
+
+    hit : (m,) int64, ascending, the point in its batch
+    normal : (m, 3) float64, unit
+    albedo : (m, 3) float64
+    shape : None where Lambertian
+    transmits : True where the normal points away from the viewer
+    """
+
+    hit: Rows
+    normal: Floats
+    albedo: Floats
+    shape: DiffuseShape | None = None
+    transmits: bool = False
+
+    def evaluate(self, incoming: Floats) -> Floats:
+        """Return f cos (m, 3) for light from unit directions (m, 3): albedo max(n . i, 0) / pi if Lambertian."""
+        if self.shape is not None:
+            return self.albedo * self.shape.evaluate(incoming)
+        cosine = np.maximum(dot(self.normal, incoming), 0.0) / np.pi
+        return self.albedo * cosine[:, np.newaxis]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shading:
+    """What n points of a surface do with light.
+
+    normal, geometric_normal : (n, 3) float64, unit, turned to the side that the ray came from
+    outgoing : (n, 3) float64, unit, towards where the ray came from
+    radiance : (n, 3) float64, that the surface shines with
+    transparency : (n, 3) float64, share of light that passes straight through
+    diffuse : (n, 3) float64, albedo of the Lambertian part, f = diffuse / pi
+    lobes : microfacet lobes, each for some of the points
+    tilted : other diffuse parts
+    """
+
+    normal: Floats
+    geometric_normal: Floats
+    outgoing: Floats
+    radiance: Floats
+    transparency: Floats
+    diffuse: Floats
+    lobes: tuple[Microfacets, ...]
+    tilted: tuple[TiltedDiffuse, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.normal)
+
+    def sum_diffuse(self) -> Floats:
+        """(n, 3) the albedo of all diffuse parts."""
+        total = self.diffuse.copy() if self.tilted else self.diffuse
+        for part in self.tilted:
+            total[part.hit] += part.albedo
+        return total
+
+    def average_normal(self) -> Floats:
+        """(n, 3) unit, the normals of all parts weighed by their weights: textures bend them, and lobes are tilted to
+        reflect to the surface's front."""
+        if not self.tilted and not self.lobes:
+            return self.normal
+        total = mean_column(self.diffuse)[:, np.newaxis] * self.normal
+        for part in self.tilted:
+            side = -part.normal if part.transmits else part.normal
+            total[part.hit] += mean_column(part.albedo)[:, np.newaxis] * side
+        for lobes in self.lobes:
+            weight = mean_column(lobes.weight) / lobes.energy_scale  # Cycles keeps that factor apart
+            total[lobes.hit] += weight[:, np.newaxis] * lobes.normal
+        return np.where((total != 0).any(axis=1, keepdims=True), normalize(total), self.normal)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Points:
+    """Where closures of one kind stand: rows (k,) of the batch, the side the ray came from, and the directions (k, 3)
+    that they have of their own, of CLOSURE_VECTORS by name."""
+
+    rows: Rows
+    front: NDArray[np.bool_]
+    shading: Shading
+    vectors: Mapping[str, Floats] = field(default_factory=dict)
+    tilted: list[TiltedDiffuse] = field(default_factory=list)
+
+    def select(self, part: NDArray[np.bool_]) -> Points:
+        vectors = {name: take_rows(values, part) for name, values in self.vectors.items()}
+        return Points(self.rows[part], self.front[part], self.shading, vectors, self.tilted)
+
+    @property
+    def normal(self) -> Floats:
+        """(k, 3) the closures' normals."""
+        return self.find_normal("normal")
+
+    @property
+    def outgoing(self) -> Floats:
+        """(k, 3) directions to where the rays came from."""
+        return take_rows(self.shading.outgoing, self.rows)
+
+    def find_normal(self, name: str) -> Floats:
+        """Return the normals (k, 3) of a name, or the surface's where closures have none."""
+        return self.vectors[name] if name in self.vectors else take_rows(self.shading.normal, self.rows)
+
+    def add_diffuse(self, albedo: Floats) -> None:
+        """Add Lambertian parts of albedo (k, 3)."""
+        if "normal" not in self.vectors:
+            self.shading.diffuse[self.rows] += albedo
+        else:
+            self.add_part(self.normal, albedo)
+
+    def add_part(
+        self, normal: Floats, albedo: Floats, shape: DiffuseShape | None = None, transmits: bool = False
+    ) -> None:
+        """Add diffuse parts of albedo (k, 3) with normals (k, 3)."""
+        self.tilted.append(TiltedDiffuse(self.rows, normal, albedo, shape, transmits))
+
+    def specular_normal(self, name: str = "normal") -> tuple[Floats, Floats]:
+        """Return the normals (k, 3) of microfacet lobes and the cosine (k,) of the view against them."""
+        outgoing = self.outgoing
+        normal = tilt_to_reflect(self.find_normal(name), self.shading.geometric_normal[self.rows], outgoing)
+        return normal, dot(normal, outgoing)
+
+    def relative_ior(self, ior: Floats) -> Floats:
+        """Return the index of refraction behind the surface over that before it: 1 / ior from inside."""
+        return np.where(self.front, ior, 1.0 / ior)

@@ -1,0 +1,166 @@
+"""Microfacet lobes of closures: how rough they are, which way they are stretched, and what further bounces add.
+
+References
+----------
+Blender, intern/cycles/kernel/svm/closure.h: roughness, anisotropy and rotation of each node.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from raytracer.arrays.rows import any_column, mean_column
+from raytracer.arrays.types import Floats
+from raytracer.bsdfs.closures import Closures, Points
+from raytracer.bsdfs.distributions import Stretch, make_stretch, rotate
+from raytracer.bsdfs.fresnel import CONSTANT
+from raytracer.bsdfs.microfacet import Microfacets, evaluate_fresnel
+from raytracer.bsdfs.microfacet_albedo import compensate, read_glass, read_reflection
+
+# Cycles' limit: with a relative index of refraction this close to 1 light passes straight on, and the half vector of
+# refraction, eta i + o, is not defined.
+SMALLEST_ETA_STEP = 1e-4
+# A rough lobe is picked at least so often, as a share of its weight.
+SMALLEST_PICK = 2.0**-6
+# Cycles stretches no highlight by less anisotropy; more for the Glossy BSDF would divide by 0; other nodes take this
+# share of theirs.
+SMALLEST_ANISOTROPY, LARGEST_GLOSSY, STRONGEST_ASPECT = 1e-4, 0.99, 0.9
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Facets:
+    """What the facets of k lobes do with light; fields as in `microfacet.Microfacets`."""
+
+    fresnel: int
+    f0: Floats
+    f82: Floats
+    reflection: Floats
+    transmission: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Grain:
+    """How rough k lobes are.
+
+    roughness : (k,) float64, the root of alpha, or of the geometric mean of both
+    multiscatter : (k,) float64, share of the light lost between facets that is given back
+    beckmann : Beckmann's distribution instead of GGX
+    along, across : (k,) float64, alpha along the tangent and across it; None where nothing is stretched
+    """
+
+    roughness: Floats
+    multiscatter: Floats
+    beckmann: bool = False
+    along: Floats | None = None
+    across: Floats | None = None
+
+
+def read_grain(closures: Closures, beckmann: bool = False) -> Grain:
+    """Return the grain of lobes that nothing stretches."""
+    return Grain(closures.roughness, 0.0 * closures.weight if beckmann else closures.multiscatter, beckmann)
+
+
+def stretch_grain(grain: Grain, closures: Closures, points: Points, glossy: bool = False) -> Grain:
+    """Return grain that the anisotropy of the closures stretches along their tangents, if they have any.
+
+    glossy : the Glossy BSDF divides by 1 - anisotropy across the tangent (along it where negative) and multiplies along
+        it; other nodes divide along it by sqrt(1 - 0.9 anisotropy)
+    """
+    if "tangent" not in points.vectors or not closures.uses("anisotropy"):
+        return grain
+    amount, alpha = closures.anisotropy, grain.roughness**2
+    if glossy:
+        amount = np.clip(amount, -LARGEST_GLOSSY, LARGEST_GLOSSY)
+        aspect = np.where(amount < 0, 1.0 / (1.0 - np.abs(amount)), 1.0 - np.abs(amount))
+    else:
+        aspect = 1.0 / np.sqrt(1.0 - STRONGEST_ASPECT * np.maximum(amount, 0.0))
+    aspect = np.where(np.abs(amount) <= SMALLEST_ANISOTROPY, 1.0, aspect)
+    along, across = np.minimum(alpha * aspect, 1.0), np.minimum(alpha / aspect, 1.0)
+    return Grain((along * across) ** 0.25, grain.multiscatter, grain.beckmann, along, across)
+
+
+def split_distributions(closures: Closures, points: Points) -> Iterator[tuple[Closures, Points, bool]]:
+    """Yield the closures of each distribution, and whether it is Beckmann's."""
+    if not closures.uses("beckmann"):
+        yield closures, points, False
+        return
+    chosen = closures.beckmann > 0
+    for beckmann in (False, True):
+        part = chosen == beckmann
+        if part.any():
+            yield closures.select(part), points.select(part), beckmann
+
+
+def make_lobes(
+    closures: Closures,
+    points: Points,
+    weight: Floats,
+    eta: Floats,
+    facets: Facets,
+    grain: Grain,
+    mean_color: Floats | None,
+    normal_name: str = "normal",
+) -> Microfacets:
+    """Return lobes whose weight includes the bounces after the first, of colour `mean_color`; None leaves them out.
+
+    Where a refracting surface has the same index on both sides nothing bends: the lobe is made perfect.
+    """
+    normal, cosine = points.specular_normal(normal_name)
+    cosine = np.clip(cosine, 0.0, 1.0)
+    refracts = any_column(facets.transmission > 0)
+    bends = np.abs(eta - 1.0) >= SMALLEST_ETA_STEP
+    roughness = grain.roughness
+    lobes = Microfacets(
+        hit=points.rows,
+        weight=weight,
+        normal=normal,
+        alpha=np.where(refracts & ~bends, 0.0, roughness * roughness),
+        eta=eta,
+        fresnel=np.full(len(points.rows), facets.fresnel, dtype=np.int8),
+        f0=facets.f0,
+        f82=facets.f82,
+        reflection=facets.reflection,
+        transmission=facets.transmission,
+        albedo=np.ones(len(points.rows)),
+        energy_scale=np.ones(len(points.rows)),
+        beckmann=grain.beckmann,
+        stretch=_lay_stretch(closures, points, normal, grain),
+    )
+    scaled, energy_scale = weight.copy(), lobes.energy_scale
+    returned = ~lobes.is_perfect & (grain.multiscatter > 0)
+    for rows, read in (
+        (np.flatnonzero(returned & ~refracts), lambda x, y, _: read_reflection(x, y)),
+        (np.flatnonzero(returned & refracts), read_glass),
+    ):
+        if mean_color is not None and len(rows):
+            share, mean = read(roughness[rows], cosine[rows], eta[rows])
+            added = compensate(share, mean, np.minimum(mean_color[rows], 1.0)) - 1.0
+            scaled[rows] *= 1.0 + grain.multiscatter[rows, np.newaxis] * added
+            energy_scale[rows] += grain.multiscatter[rows] * (1.0 / share - 1.0)
+    return dataclasses.replace(lobes, weight=scaled, albedo=_estimate_albedo(lobes, cosine))
+
+
+def _lay_stretch(closures: Closures, points: Points, normal: Floats, grain: Grain) -> Stretch | None:
+    if grain.along is None or grain.across is None:
+        return None
+    tangent = points.vectors["tangent"]
+    if closures.uses("rotation"):
+        tangent = rotate(tangent, points.normal, 2.0 * np.pi * closures.rotation)
+    return make_stretch(normal, tangent, grain.along, grain.across)
+
+
+def _estimate_albedo(lobes: Microfacets, cosine: Floats) -> Floats:
+    """Return about how much light (m,) each lobe sends on, by which one of them is picked.
+
+    The estimate is that of a smooth surface. Rough lobes keep a small share where that is black, for some of their
+    facets are met at other angles; refraction keeps its full share in total reflection.
+    """
+    reflected, passed = evaluate_fresnel(lobes, cosine)
+    tints = mean_column(lobes.reflection + lobes.transmission)
+    smooth = mean_column(reflected + passed)
+    smooth = np.where(lobes.fresnel == CONSTANT, tints, smooth)
+    return np.where(lobes.is_perfect, smooth, np.maximum(smooth, SMALLEST_PICK * tints))

@@ -1,0 +1,288 @@
+"""Microfacet lobes: GGX and Beckmann reflection and refraction, mirror and clear glass at roughness 0.
+
+A lobe is a row of `Microfacets`; all formulas work on m rows at once. `outgoing` points towards where the ray came
+from, `incoming` towards the light; both are unit vectors that leave the surface. Everything is in the units of
+value = f(outgoing, incoming) |cos|, so that the light reflected is the integral of value times radiance.
+Lobes that reflect may be stretched along a tangent.
+
+References
+----------
+B. Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007.
+P. Kutz, M. Hasan, E. Edmondson, "Novel Aspects of the Adobe Standard Material", 2023: the F82 tint.
+Blender, intern/cycles/kernel/closure/bsdf_microfacet.h: which Fresnel curve belongs to which node.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.rows import any_column, mean_column, take_rows
+from raytracer.arrays.types import Booleans, Floats
+from raytracer.arrays.vectors import make_frame, normalize, reflect
+from raytracer.bsdfs.distributions import (
+    Stretch,
+    beckmann_density,
+    beckmann_shadowing,
+    facet_density,
+    sample_beckmann_normals,
+    sample_visible_normals,
+    shadowing,
+)
+from raytracer.bsdfs.fresnel import (
+    CONDUCTOR,
+    CONSTANT,
+    DIELECTRIC,
+    METAL,
+    conductor_reflectance,
+    metal_reflectance,
+    refract,
+    schlick_share,
+    transmitted_cosine,
+)
+from raytracer.lecture import dot
+
+# Cycles' limit: below it (squared alpha 2e-10) a lobe is a perfect mirror or clear glass.
+SMALLEST_ALPHA = 2e-10**0.5
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Microfacets:
+    """m lobes, at most one for each point of a batch.
+
+    hit : (m,) int64, ascending, the point in its batch
+    weight : (m, 3) float64, the lobe's factor
+    normal : (m, 3) float64, unit, on the side of `outgoing`
+    alpha : (m,) float64, roughness; of stretched lobes the geometric mean
+    eta : (m,) float64, index of refraction behind the surface over that in front of it
+    fresnel : (m,) int8, CONSTANT, METAL, DIELECTRIC or CONDUCTOR
+    f0, f82 : (m, 3) float64, reflectance at normal incidence; the METAL curve's second coefficient; of a CONDUCTOR
+        the real and the imaginary part of its index of refraction
+    reflection, transmission : (m, 3) float64, tints; 0 switches that side off
+    albedo : (m,) float64, estimate of the share of light that the lobe sends on, without `weight`
+    energy_scale : (m,) float64, the factor in `weight` for what lossless facets would send on only after
+        further bounces, 1 / E; 1 where that is left out
+    beckmann : Beckmann's distribution instead of GGX
+    stretch : None where no lobe is stretched
+    """
+
+    hit: NDArray[np.int64]
+    weight: Floats
+    normal: Floats
+    alpha: Floats
+    eta: Floats
+    fresnel: NDArray[np.int8]
+    f0: Floats
+    f82: Floats
+    reflection: Floats
+    transmission: Floats
+    albedo: Floats
+    energy_scale: Floats
+    beckmann: bool = False
+    stretch: Stretch | None = None
+
+    def __len__(self) -> int:
+        return len(self.hit)
+
+    def select(self, rows: Any) -> Microfacets:
+        """Return some of the lobes: index or boolean array."""
+        stretch = None if self.stretch is None else self.stretch.select(rows)
+        fields: dict[str, Any] = {name: take_rows(getattr(self, name), rows) for name in ROW_FIELDS}
+        return dataclasses.replace(self, stretch=stretch, **fields)
+
+    @property
+    def is_perfect(self) -> Booleans:
+        """(m,) True where the lobe has a single direction per side, which only sampling can find."""
+        return self.alpha <= SMALLEST_ALPHA
+
+
+ROW_FIELDS = tuple(item.name for item in dataclasses.fields(Microfacets) if item.name not in ("beckmann", "stretch"))
+
+
+def evaluate_fresnel(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats]:
+    """Return reflectance and transmittance, each (m, 3), of facets met at `cosine` (m,) >= 0.
+
+    A DIELECTRIC lobe runs from its f0 to 1 as the real curve does, so that a tint of f0 keeps the angle dependence.
+    """
+    reflectance = np.ones((len(lobes), 3))
+    metal = np.flatnonzero(lobes.fresnel == METAL)
+    reflectance[metal] = metal_reflectance(cosine[metal, np.newaxis], lobes.f0[metal], lobes.f82[metal])
+    glassy = np.flatnonzero(lobes.fresnel == DIELECTRIC)
+    conducting = np.flatnonzero(lobes.fresnel == CONDUCTOR)
+    if len(conducting):
+        index, extinction = lobes.f0[conducting], lobes.f82[conducting]
+        reflectance[conducting] = conductor_reflectance(cosine[conducting, np.newaxis], index, extinction)
+    share = schlick_share(cosine[glassy], lobes.eta[glassy])[:, np.newaxis]
+    reflectance[glassy] = lobes.f0[glassy] + (1.0 - lobes.f0[glassy]) * share
+    passing = np.where(lobes.fresnel[:, np.newaxis] == CONSTANT, 1.0, 1.0 - reflectance)
+    total = (transmitted_cosine(cosine, lobes.eta) == 0)[:, np.newaxis]
+    return reflectance * lobes.reflection, np.where(total, 0.0, passing * lobes.transmission)
+
+
+# The lobes -----------------------------------------------------------------------------------------------------------
+
+
+def _half_vectors(lobes: Microfacets, outgoing: Floats, incoming: Floats, passes: Booleans) -> Floats:
+    """Return the facet normals (m, 3) that take `outgoing` to `incoming`: along o + i, or +-(o + eta i) for refraction.
+
+    By Snell's law o + eta i points to the side with the higher index of refraction; facets are turned to the viewer.
+    """
+    sign = np.where(lobes.eta > 1.0, -1.0, 1.0)[:, np.newaxis]
+    bent = sign * (lobes.eta[:, np.newaxis] * incoming + outgoing)
+    halfway: Floats = np.where(passes[:, np.newaxis], bent, incoming + outgoing)
+    return normalize(halfway)
+
+
+def evaluate_microfacets(
+    lobes: Microfacets, outgoing: Floats, incoming: Floats, geometric_normal: Floats
+) -> tuple[Floats, Floats]:
+    """Return the value f |cos| (m, 3) and the density (m,) with which `sample_microfacets` takes `incoming`.
+
+    Reflection: F D G2 / (4 cos_o). Refraction: (1 - F) D G2 eta^2 |h.o h.i| / (cos_o |eta i + o|^2), as radiance is
+    transported in Cycles, without the factor 1 / eta^2.
+
+    Notes
+    -----
+    The value is 0 for perfect lobes and for the wrong side of the shading normal. The density is also 0 where the two
+    normals disagree on the side: sampling refuses such directions, so that all weight goes to light sampling.
+    """
+    cos_out, cos_in = dot(lobes.normal, outgoing), dot(lobes.normal, incoming)
+    passes = cos_in < 0
+    half = _half_vectors(lobes, outgoing, incoming, passes)
+    cos_half_out, cos_half_in = dot(half, outgoing), dot(half, incoming)
+    cos_facet = dot(lobes.normal, half)
+    possible = (cos_out > 0) & (cos_in != 0) & (cos_half_out > 0) & ((cos_half_in < 0) == passes) & ~lobes.is_perfect
+    possible &= cos_facet > 0
+    reflectance, transmittance = evaluate_fresnel(lobes, np.clip(cos_half_out, 0.0, 1.0))
+    span = lobes.eta[:, np.newaxis] * incoming + outgoing
+    bend = lobes.eta**2 * np.abs(cos_half_out * cos_half_in) / np.where(passes & possible, dot(span, span), 1.0)
+    facets = _describe_facets(lobes, (half, cos_facet), (outgoing, cos_out), (incoming, cos_in))
+    common = np.where(passes, bend, 0.25) * facets.density
+    common = np.where(possible, common / np.where(possible, cos_out, 1.0), 0.0)
+    visible = 1.0 / (1.0 + facets.shadow_out)
+    if lobes.beckmann:  # all facets are sampled, with the density D cos of their normals
+        visible = cos_out * cos_facet / np.where(possible, cos_half_out, 1.0)
+    value = np.where(passes[:, np.newaxis], transmittance, reflectance)
+    choice = _reflection_probability(reflectance, transmittance)
+    sampled = ((dot(geometric_normal, incoming) < 0) == passes) & any_column(value > 0)
+    density = np.where(sampled, common * np.where(passes, 1.0 - choice, choice) * visible, 0.0)
+    return lobes.weight * value * (common / (1.0 + facets.shadow_out + facets.shadow_in))[:, np.newaxis], density
+
+
+class _Facets(NamedTuple):
+    """The density of the facets that reflect or refract, and what the others shadow, each (m,)."""
+
+    density: Floats
+    shadow_out: Floats
+    shadow_in: Floats
+
+
+_Seen = tuple[Floats, Floats]  # directions (m, 3) and their cosines (m,)
+
+
+def _describe_facets(lobes: Microfacets, half: _Seen, outgoing: _Seen, incoming: _Seen) -> _Facets:
+    density, shadow = (beckmann_density, beckmann_shadowing) if lobes.beckmann else (facet_density, shadowing)
+    alpha, stretch = np.maximum(lobes.alpha, SMALLEST_ALPHA), lobes.stretch
+    if stretch is None:
+        return _Facets(density(alpha, half[1]), shadow(alpha, outgoing[1]), shadow(alpha, incoming[1]))
+    width = stretch.find_facet_roughness(half[0])
+    return _Facets(
+        density(width, half[1]) * (width / alpha) ** 2,
+        shadow(stretch.find_shadowing_roughness(outgoing[0]), outgoing[1]),
+        shadow(stretch.find_shadowing_roughness(incoming[0]), incoming[1]),
+    )
+
+
+def _reflection_probability(reflectance: Floats, transmittance: Floats) -> Floats:
+    """Return the probability (m,) with which sampling reflects: its share of the light; 1 where all is black."""
+    reflected, passed = mean_column(reflectance), mean_column(transmittance)
+    both = reflected + passed
+    return np.divide(reflected, both, out=np.ones_like(both), where=both > 0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LobeSamples:
+    """One incoming direction for each of m lobes.
+
+    direction : (m, 3) float64, unit
+    valid : (m,) bool, False where the lobe sends nothing on, or the direction falls on the wrong side
+    perfect : (m,) bool, True where the direction was the only one; then `weight` (m, 3) is value / probability, and
+        `evaluate_microfacets` has nothing to say about it
+    """
+
+    direction: Floats
+    valid: Booleans
+    perfect: Booleans
+    weight: Floats
+
+
+def sample_microfacets(
+    lobes: Microfacets, outgoing: Floats, geometric_normal: Floats, choice: Floats, pair: Floats
+) -> LobeSamples:
+    """Sample a facet normal, reflect or refract about it.
+
+    choice, pair : (m,), (m, 2) uniform numbers, for the side and for the facet
+    """
+    half = _sample_half_vectors(lobes, outgoing, pair)
+    cos_half = np.clip(dot(half, outgoing), 0.0, 1.0)
+    reflectance, transmittance = evaluate_fresnel(lobes, cos_half)
+    probability = _reflection_probability(reflectance, transmittance)
+    passes = choice >= probability
+    through = refract(outgoing, half, lobes.eta)
+    direction = np.where(passes[:, np.newaxis], through, reflect(outgoing, half))
+    light = np.where(passes[:, np.newaxis], transmittance, reflectance)
+    valid = (dot(lobes.normal, outgoing) > 0) & any_column(light > 0)
+    for normal in (lobes.normal, geometric_normal):
+        valid &= (dot(normal, direction) < 0) == passes
+    taken = np.where(passes, 1.0 - probability, probability)[:, np.newaxis]
+    weight = lobes.weight * np.divide(light, taken, out=np.zeros_like(light), where=taken > 0)
+    return LobeSamples(direction, valid, lobes.is_perfect, weight)
+
+
+def _sample_half_vectors(lobes: Microfacets, outgoing: Floats, pair: Floats) -> Floats:
+    """Return facet normals (m, 3): the surface normal itself for perfect lobes."""
+    half = lobes.normal.copy()
+    rough = np.flatnonzero(~lobes.is_perfect & (dot(lobes.normal, outgoing) > 0))
+    if len(rough):
+        half[rough] = normalize(_sample_facets(lobes.select(rough), outgoing[rough], pair[rough]))
+    return half
+
+
+def _sample_facets(lobes: Microfacets, outgoing: Floats, pair: Floats) -> Floats:
+    """Return facet normals (m, 3), of any length close to 1, of rough lobes."""
+    normal, stretch, alpha, across = lobes.normal, lobes.stretch, lobes.alpha, None
+    u, v = make_frame(normal) if stretch is None else (stretch.tangent, stretch.bitangent)
+    if stretch is not None:
+        alpha, across = stretch.along, stretch.across
+    if lobes.beckmann:
+        facet = sample_beckmann_normals(alpha, pair, across)
+    else:
+        view = np.stack([dot(u, outgoing), dot(v, outgoing), dot(normal, outgoing)], axis=1)
+        facet = sample_visible_normals(view, alpha, pair, across)
+    return facet[:, 0:1] * u + facet[:, 1:2] * v + facet[:, 2:3] * normal
+
+
+def tilt_to_reflect(normal: Floats, geometric_normal: Floats, outgoing: Floats) -> Floats:
+    """Return shading normals (n, 3), turned towards the geometric ones until mirror reflection stays above the surface.
+
+    In the plane of the two normals, with the view at (a, b) across and along the geometric normal, a normal turned by p
+    reflects to the height a sin 2p + b cos 2p = |(a, b)| cos(2p - q), q = atan2(a, b). Where that falls below
+    t = min(0.9 b, 0.01), Cycles' limit, the p is taken that gives t.
+    """
+    height = dot(geometric_normal, outgoing)
+    limit = np.minimum(0.9 * height, 0.01)
+    low = (dot(geometric_normal, reflect(outgoing, normal)) < limit) & (height > 0)
+    rows = np.flatnonzero(low)
+    if not len(rows):
+        return normal
+    axis = geometric_normal[rows]
+    aside = normalize(normal[rows] - dot(normal[rows], axis)[:, np.newaxis] * axis)
+    a, b = dot(outgoing[rows], aside), height[rows]
+    turn = (np.arctan2(a, b) + np.arccos(np.clip(limit[rows] / np.hypot(a, b), -1.0, 1.0))) / 2.0
+    tilted = normal.copy()
+    tilted[rows] = np.sin(turn)[:, np.newaxis] * aside + np.cos(turn)[:, np.newaxis] * axis
+    return tilted

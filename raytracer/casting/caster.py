@@ -1,0 +1,241 @@
+"""The public caster: arrays of rays in, closest hits or occlusion out.
+
+`build` packs a scene's geometry once; a Caster answers any number of batches. How candidates are found changes no
+result: by `project` where many rays share a point or a direction, else by `traverse`, by `matrix_form` among a few
+dozen triangles. Decisions are made in `search`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from raytracer.arrays.checks import require_choice
+from raytracer.arrays.memory import keep_freed_memory
+from raytracer.arrays.types import Booleans
+from raytracer.casting.bvh.hierarchy import Hierarchy, build_hierarchy, choose_flattened
+from raytracer.casting.bvh.traverse import offer_traversed
+from raytracer.casting.crossings import CrossingSearch
+from raytracer.casting.geometry import Geometry, pack_geometry
+from raytracer.casting.matrix_form import MatrixForm
+from raytracer.casting.pencil.pencil import Rows, View, find_pencil, make_views
+from raytracer.casting.pencil.projection import project
+from raytracer.casting.pencil.rasterize import offer_projected
+from raytracer.casting.primitives import Primitives, make_primitives
+from raytracer.casting.query import Search
+from raytracer.casting.rays import Hits, Rays, make_rays
+from raytracer.predicates.rounding import PRECISIONS
+from raytracer.scene.scene import Scene
+
+# Rays per batch: their state and the candidates they bring stay within a few tens of megabytes.
+BATCH_RAYS = 1 << 16
+# Rays of a pencil are cast in larger batches where there are more triangles, each of which costs something per batch.
+PENCIL_RAYS = 1 << 18
+# Rays of a call that are looked at together.
+CALL_RAYS = 1 << 20
+# Up to this many triangles and spheres, looking at all of them is quicker than a tree.
+MATRIX_TRIANGLES, MATRIX_SPHERES = 128, 8
+# With fewer rays than this share of the triangles, or than this many, a tree is quicker than projection; a matrix form
+# is quicker still.
+PENCIL_SHARE, SMALLEST_PENCIL, SMALLEST_PENCIL_OF_FEW = 0.25, 4096, 8192
+
+# Once per process, workers included.
+keep_freed_memory()
+
+
+@dataclass(frozen=True, eq=False)
+class Caster:
+    """A scene ready to be cast into.
+
+    offer : the accelerator for any rays, a function that offers a Search all candidates its rays can hit
+    smallest_pencil : least number of rays with a common point or direction, for each view of theirs, that are
+        projected; None: never
+    """
+
+    scene: Scene
+    primitives: Primitives
+    offer: Callable[[Search], None]
+    smallest_pencil: int | None = None
+
+    @property
+    def geometry(self) -> Geometry:
+        return self.primitives.geometry
+
+    @property
+    def roundoff(self) -> float:
+        """Unit roundoff of the precision over that of float64."""
+        return float(np.finfo(self.primitives.dtype).eps / np.finfo(np.float64).eps)
+
+    def closest_hit(
+        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
+    ) -> Hits:
+        """Return the closest hit of each ray o + t d with t_min <= t <= t_max.
+
+        Parameters
+        ----------
+        origins, directions : (n, 3) or (3,) float64, metres, world; directions of any length
+        t_min, t_max : scalar or (n,), inclusive, in units of the direction's length; t_min below 0 counts as 0
+
+        Returns
+        -------
+        Hits of n rays. NaN, infinite or zero-direction rays miss and are flagged in `Hits.valid`.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit.
+
+        Notes
+        -----
+        Closed sets: a ray through an edge or vertex hits every triangle there; among equal distances the lowest
+        (instance, primitive) is returned. A triangle without area, or seen exactly edge-on, is never hit. A hit beyond
+        the largest float64 has an infinite distance and error.
+        """
+        rays = make_rays(origins, directions, t_min, t_max)
+        valid = rays.valid()
+        hits = _misses(valid)
+        for index, search in self._search(rays, valid, any_hit=False):
+            found = search.closest()
+            for name in Hits.__slots__:
+                getattr(hits, name)[index] = getattr(found, name)
+        return hits
+
+    def any_hit(
+        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
+    ) -> Booleans:
+        """Return (n,) bool: does anything lie on the ray with t_min <= t <= t_max? Parameters as `closest_hit`."""
+        rays = make_rays(origins, directions, t_min, t_max)
+        found = np.zeros(len(rays), dtype=bool)
+        for index, search in self._search(rays, rays.valid(), any_hit=True):
+            found[index] = search.found_any()
+        return found
+
+    def _search(self, rays: Rays, valid: Booleans, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
+        """Yield the finished searches of the valid rays, in batches, with the rays' places."""
+        if not valid.all():
+            place = np.flatnonzero(valid)
+            rays = rays.select(place)
+            for rows, search in self._search(rays, np.ones(len(rays), bool), any_hit):
+                yield place[rows], search
+            return
+        for start in range(0, len(rays), CALL_RAYS):
+            some = rays.select(slice(start, start + CALL_RAYS))
+            views = self._find_views(some)
+            cast = self._cast_views(views, some, any_hit) if views else self._cast_any(some, any_hit)
+            for rows, search in cast:
+                yield (
+                    (slice(start + rows.start, start + rows.stop) if isinstance(rows, slice) else start + rows),
+                    search,
+                )
+
+    def _find_views(self, rays: Rays) -> list[View]:
+        """The views of rays that form a pencil with enough rays for each; else none."""
+        if self.smallest_pencil is None or len(rays) < self.smallest_pencil:
+            return []
+        pencil = find_pencil(rays)
+        if pencil is None:
+            return []
+        reach = np.abs(self.primitives.bounds - pencil.centre).max()
+        # A power of two by which the scene and the pencil come to a size of about one.
+        views = list(make_views(pencil, rays, float(np.ldexp(1.0, -int(np.frexp(reach)[1])))))
+        return views if len(rays) >= self.smallest_pencil * len(views) else []
+
+    def _cast_any(self, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
+        for start in range(0, len(rays), BATCH_RAYS):
+            rows = slice(start, min(start + BATCH_RAYS, len(rays)))
+            search = Search(self.primitives, rays.select(rows), any_hit)
+            self.offer(search)
+            yield rows, search
+
+    def _cast_views(self, views: list[View], rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
+        size = min(max(BATCH_RAYS, len(self.primitives.corners) // 2), PENCIL_RAYS)
+        for view in views:
+            projection = project(view, self.primitives)
+            for start in range(0, len(view), size):
+                stop = min(start + size, len(view))
+                rows = view.pick(start, stop)
+                search = Search(self.primitives, rays.select(rows), any_hit)
+                offer_projected(view, projection, search, slice(start, stop))
+                yield rows, search
+
+    def crossings(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.int32]:
+        """Return how many triangles each ray crosses, (n,) int32; odd means inside a closed mesh.
+
+        Exact parity also where a ray passes through edges and vertices or starts on a face (`crossings`). Spheres are
+        not counted; invalid rays cross nothing.
+
+        Raises
+        ------
+        ValueError
+            If the caster's precision is not 'certified'.
+        """
+        if self.primitives.precision != "certified":
+            raise ValueError(f"crossings: precision: expected 'certified', got {self.primitives.precision!r}")
+        rays = make_rays(origins, directions)
+        count = np.zeros(len(rays), np.int32)
+        valid = np.flatnonzero(rays.valid())
+        for start in range(0, len(valid), BATCH_RAYS):
+            index = valid[start : start + BATCH_RAYS]
+            search = CrossingSearch(self.primitives, rays.select(index))
+            self.offer(search)
+            count[index] = search.counts()
+        return count
+
+
+def build(scene: Scene, precision: str = "certified", last: Caster | None = None) -> Caster:
+    """Return a Caster for `scene`.
+
+    precision : 'certified' (every decision as exact arithmetic would make it), 'float64' or 'float32'
+    last : the caster of the scene as it was before, for instance a frame ago; trees of what did not move are taken from
+        it. No result depends on it.
+
+    Raises
+    ------
+    ValueError
+        If the precision is unknown.
+    """
+    require_choice(precision, PRECISIONS, "build: precision")
+    geometry = pack_geometry(scene)
+    primitives = make_primitives(geometry, precision, choose_flattened(geometry))
+    sphere_count = len(geometry.radii)
+    if sphere_count <= MATRIX_SPHERES and geometry.sphere_id <= MATRIX_TRIANGLES:
+        return Caster(scene, primitives, MatrixForm(primitives), SMALLEST_PENCIL_OF_FEW)
+    smallest_pencil = None
+    if primitives.flattened.all():
+        smallest_pencil = max(SMALLEST_PENCIL, int(PENCIL_SHARE * len(primitives.corners)))
+    hierarchy = last.offer.latest if last is not None and isinstance(last.offer, TreeOffer) else None
+    return Caster(scene, primitives, TreeOffer(primitives, hierarchy), smallest_pencil)
+
+
+class TreeOffer:
+    """Offers candidates found by a hierarchy, which is built when the first rays ask for it.
+
+    latest : the hierarchy, or until it is built the one that it will be built from
+    """
+
+    def __init__(self, primitives: Primitives, last: Hierarchy | None = None) -> None:
+        self.primitives = primitives
+        self.latest = last
+        self.is_built = False
+
+    def __call__(self, search: Search) -> None:
+        """Offer a search all primitives that its rays may hit."""
+        if not self.is_built:
+            self.latest, self.is_built = build_hierarchy(self.primitives, self.latest), True
+        assert self.latest is not None
+        offer_traversed(self.latest, search)
+
+
+def _misses(valid: Booleans) -> Hits:
+    count = len(valid)
+    return Hits(
+        distance=np.full(count, np.inf),
+        distance_error=np.zeros(count),
+        instance=np.full(count, -1, np.int32),
+        primitive=np.full(count, -1, np.int32),
+        barycentric=np.zeros((count, 2)),
+        valid=valid,
+    )

@@ -1,0 +1,130 @@
+"""All geometry of a scene in packed arrays, and the one number that names each primitive of each instance.
+
+A *primitive id* (int64) counts the triangles of instance 0, then those of instance 1, and so on, then the spheres of
+each group. Ids therefore sort as (instance, primitive) does, and "ties go to the lowest index" is a comparison of
+numbers.
+
+The true triangle of an instance is the float64 triangle that `world_corners` returns: each world coordinate is
+((m0 x + m1 y) + m2 z) + m3, every operation rounded to nearest. An identity matrix changes nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.types import Floats, Integers
+from raytracer.scene.scene import Scene
+
+Ids = NDArray[np.int64]
+Corners = tuple[Floats, Floats, Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Packed geometry; meshes that share their arrays are stored once.
+
+    positions : (v, 3) float64, object space
+    triangles : (t, 3) int32, rows of `positions`
+    mesh_first, mesh_count : (m,) int64, each mesh's slice of `triangles`
+    instance_mesh : (i,) int32
+    world_from_object : (i, 4, 4) float64
+    centres, radii : (s, 3), (s,) float64, world space
+    first_id : (i + g + 1,) int64, primitive id at which each instance, then each group of spheres, begins; then the end
+    """
+
+    positions: Floats
+    triangles: Integers
+    mesh_first: Ids
+    mesh_count: Ids
+    instance_mesh: Integers
+    world_from_object: Floats
+    centres: Floats
+    radii: Floats
+    first_id: Ids
+
+    @property
+    def sphere_id(self) -> int:
+        """The primitive id of the first sphere; lower ids are triangles."""
+        return int(self.first_id[len(self.instance_mesh)])
+
+
+def _stack(arrays: list[NDArray], shape: tuple[int, ...], dtype: type) -> NDArray:
+    return np.concatenate(arrays) if arrays else np.zeros((0, *shape), dtype)
+
+
+def pack_geometry(scene: Scene) -> Geometry:
+    """Return the packed arrays of a scene's meshes, instances and spheres."""
+    slices: dict[tuple[int, int], tuple[int, int]] = {}
+    positions: list[NDArray] = []
+    triangles: list[NDArray] = []
+    vertex_count = triangle_count = 0
+    ranges = []
+    for mesh in scene.meshes:
+        key = (mesh.positions.ctypes.data, mesh.triangles.ctypes.data)
+        if key not in slices or not len(mesh.triangles):
+            slices[key] = (triangle_count, len(mesh.triangles))
+            positions.append(mesh.positions)
+            triangles.append(mesh.triangles + np.int32(vertex_count))
+            vertex_count += len(mesh.positions)
+            triangle_count += len(mesh.triangles)
+        ranges.append(slices[key])
+    first, count = np.array(ranges, dtype=np.int64).reshape(-1, 2).T
+    if scene.instances is None:
+        instance_mesh = np.arange(len(scene.meshes), dtype=np.int32)
+        matrices = np.tile(np.eye(4), (len(scene.meshes), 1, 1))
+    else:
+        instance_mesh, matrices = scene.instances.mesh, scene.instances.world_from_object
+    sizes = np.concatenate([count[instance_mesh], [len(group.radii) for group in scene.spheres]])
+    return Geometry(
+        positions=_stack(positions, (3,), np.float64),
+        triangles=_stack(triangles, (3,), np.int32),
+        mesh_first=first,
+        mesh_count=count,
+        instance_mesh=instance_mesh,
+        world_from_object=matrices,
+        centres=_stack([group.centres for group in scene.spheres], (3,), np.float64),
+        radii=_stack([group.radii for group in scene.spheres], (), np.float64),
+        first_id=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+    )
+
+
+def transform_points(matrix: Floats, points: Floats) -> Floats:
+    """((m0 x + m1 y) + m2 z) + m3 for each row: (..., 4, 4) matrices and (..., 3) points that broadcast."""
+    x, y, z = points[..., 0, None], points[..., 1, None], points[..., 2, None]
+    return ((matrix[..., :3, 0] * x + matrix[..., :3, 1] * y) + matrix[..., :3, 2] * z) + matrix[..., :3, 3]
+
+
+def split_id(geometry: Geometry, primitive_id: Ids) -> tuple[Integers, Integers]:
+    """Return (instance, primitive), both (n,) int32, of primitive ids; groups of spheres follow the instances."""
+    instance = np.searchsorted(geometry.first_id, primitive_id, side="right") - 1
+    return instance.astype(np.int32), (primitive_id - geometry.first_id[instance]).astype(np.int32)
+
+
+def join_id(geometry: Geometry, instance: Integers, primitive: Integers) -> Ids:
+    """Return the (n,) int64 primitive ids of (instance, primitive)."""
+    return geometry.first_id[instance] + primitive
+
+
+def world_corners(geometry: Geometry, instance: Integers, primitive: Integers) -> Corners:
+    """Return the world-space corners a, b, c, each (n, 3) float64, of triangles given by instance and primitive."""
+    row = geometry.mesh_first[geometry.instance_mesh[instance]] + primitive
+    vertices = geometry.triangles[row]  # (n, 3)
+    matrices = geometry.world_from_object[instance]  # (n, 4, 4)
+    a, b, c = (transform_points(matrices, geometry.positions[vertices[:, corner]]) for corner in range(3))
+    return a, b, c
+
+
+def instance_corners(geometry: Geometry, instance: int) -> Floats:
+    """Return all world-space triangles of one instance, (t, 3 corners, 3) float64."""
+    mesh = geometry.instance_mesh[instance]
+    first, count = geometry.mesh_first[mesh], geometry.mesh_count[mesh]
+    triangles = geometry.triangles[first : first + count]
+    if not count:
+        return np.zeros((0, 3, 3))
+    low, high = triangles.min(), triangles.max()
+    # Once for each vertex: triangles share them.
+    positions = transform_points(geometry.world_from_object[instance], geometry.positions[low : high + 1])
+    return positions.take(triangles - low, axis=0)

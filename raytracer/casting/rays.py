@@ -1,0 +1,130 @@
+"""Rays, what they hit, and the surface at the hit: plain records of arrays, n rays each.
+
+The lecture's ray is p = o + t d with t >= 0 ("Ray-Object Intersection"); a hit is the smallest t for which the point
+lies on an object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from raytracer.arrays.checks import as_array
+from raytracer.arrays.rows import take_rows
+from raytracer.arrays.types import Booleans, Floats, Integers
+
+Record = TypeVar("Record")
+
+
+def _select_rows(record: Record, rows: Any) -> Record:
+    """Return the record with every array cut down to `rows`; None stays None."""
+    arrays = (getattr(record, item.name) for item in fields(record))  # type: ignore[arg-type]
+    return type(record)(*(None if array is None else take_rows(array, rows) for array in arrays))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rays:
+    """Rays o + t d, t_min <= t <= t_max (both inclusive).
+
+    origins : (n, 3) float64, metres, world
+    directions : (n, 3) float64, any length; t counts in units of that length
+    t_min, t_max : (n,) float64; a t_min below 0 counts as 0
+    """
+
+    origins: Floats
+    directions: Floats
+    t_min: Floats
+    t_max: Floats
+
+    def __len__(self) -> int:
+        return len(self.origins)
+
+    def select(self, rows: Any) -> Rays:
+        """Return some of the rays: index or boolean array."""
+        return _select_rows(self, rows)
+
+    def valid(self) -> Booleans:
+        """(n,) True where the ray is finite, its direction not zero and its range not NaN."""
+        ox, oy, oz = np.abs(self.origins).T
+        dx, dy, dz = np.abs(self.directions).T
+        # A maximum of columns passes NaN on; a reduction over three columns would be slower by far.
+        length = np.maximum(np.maximum(dx, dy), dz)
+        largest = np.maximum(np.maximum(np.maximum(ox, oy), oz), length)
+        return (largest < np.inf) & (length > 0) & ~np.isnan(self.t_min) & ~np.isnan(self.t_max)
+
+
+def make_rays(origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf) -> Rays:
+    """Check and broadcast user input into Rays: (n, 3) or (3,) vectors, (n,) or scalar ranges.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit. NaN and infinity are not errors: such rays are flagged by `Rays.valid` and miss.
+    """
+    origin_rows, direction_rows = _as_rows(origins, "origins"), _as_rows(directions, "directions")
+    if len(origin_rows) != len(direction_rows) and len(origin_rows) == 1:
+        origin_rows = np.repeat(origin_rows, len(direction_rows), axis=0)
+    if len(origin_rows) != len(direction_rows) and len(direction_rows) == 1:
+        direction_rows = np.repeat(direction_rows, len(origin_rows), axis=0)
+    count = len(origin_rows)
+    if len(direction_rows) != count:
+        raise ValueError(f"directions: expected as many rows as origins, {count}, got {len(direction_rows)}")
+    return Rays(origin_rows, direction_rows, _as_range(t_min, count, "t_min"), _as_range(t_max, count, "t_max"))
+
+
+def _as_rows(vectors: ArrayLike, field: str) -> Floats:
+    """Return (3,) or (n, 3) vectors as (n, 3)."""
+    return as_array(np.atleast_2d(np.asarray(vectors)), np.float64, ("n", 3), field)
+
+
+def _as_range(value: ArrayLike, count: int, field: str) -> Floats:
+    """Return one number, or one per ray, as (n,)."""
+    numbers = as_array(value, np.float64, ("n",) if np.ndim(value) else (), field)
+    if numbers.shape not in ((), (1,), (count,)):
+        raise ValueError(f"{field}: expected a number or an array ({count},), got shape {numbers.shape}")
+    return np.ascontiguousarray(np.broadcast_to(numbers, (count,)))
+
+
+def join_rays(parts: Sequence[Rays]) -> Rays:
+    """Return the rays of several records as one, in order."""
+    if not parts:
+        return Rays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    return Rays(*(np.concatenate([getattr(part, name) for part in parts]) for name in Rays.__slots__))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Hits:
+    """The closest hit of each ray; a miss is data: distance inf, indices -1.
+
+    distance : (n,) float64, t of o + t d, in units of the direction's length; inf = miss
+    distance_error : (n,) float64, certified bound on |distance - exact t|; 0 for a miss, NaN where the caster's
+        precision certifies nothing
+    instance : (n,) int32, index into the scene's instances (or meshes, where the scene has no instances); groups of
+        spheres follow after the last one; -1 = miss
+    primitive : (n,) int32, triangle of the mesh or sphere of the group; -1 = miss
+    barycentric : (n, 2) float64, weights of the triangle's corners 1 and 2; 0 for spheres and misses
+    valid : (n,) bool, False for NaN, infinite or zero-direction rays, which miss
+    """
+
+    distance: Floats
+    distance_error: Floats
+    instance: Integers
+    primitive: Integers
+    barycentric: Floats
+    valid: Booleans
+
+    def __len__(self) -> int:
+        return len(self.distance)
+
+    def select(self, rows: Any) -> Hits:
+        """Return some of the hits: index or boolean array."""
+        return _select_rows(self, rows)
+
+    @property
+    def hit(self) -> Booleans:
+        """(n,) bool, True where the ray hit something."""
+        return self.primitive >= 0

@@ -1,0 +1,57 @@
+"""Bounces: of which kinds they are, how many of each a path may take, and which paths are cut short by chance.
+
+A bounce is reflection or transmission, and diffuse, glossy or singular (by a perfect mirror or clear glass); what
+passes straight through a transparent surface is none. A path that has used up its bounces still sees what shines at its
+end, for light sampling leaves it a share of that.
+
+References
+----------
+Blender, intern/cycles/kernel/integrator/path_state.h: which bounces count as what, and when paths end.
+J. Arvo, D. Kirk, "Particle Transport and Image Synthesis", SIGGRAPH 1990: Russian roulette.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from raytracer.arrays.rows import sum_columns
+from raytracer.arrays.types import Booleans, Counts, Floats, Kinds, Masks
+from raytracer.bsdfs.bounce_kinds import COUNTED, DIFFUSE, STRAIGHT, TRANSMITTED
+from raytracer.integrator.settings import Settings
+from raytracer.scene.fields import SEEN_BY
+
+# So many bounces of a path are not left to chance.
+CERTAIN_BOUNCES = 1
+
+
+def find_ended(counts: Counts, settings: Settings) -> Booleans:
+    """Return (n,) True for paths that have taken one bounce more than any limit allows: they only see what shines."""
+    ended: Booleans = sum_columns(counts) > settings.max_bounces
+    for column, name in enumerate(COUNTED):
+        ended |= counts[:, column] > getattr(settings, f"{name}_bounces")
+    return ended
+
+
+def survival_probability(throughput: Floats) -> Floats:
+    """Return the probability (n,) with which paths of a throughput (n, 3) shall go on.
+
+    The root of the brightest channel, as in Cycles: what a picture shows is nearer to even in the root of light.
+    """
+    red, green, blue = throughput.T
+    return np.minimum(np.sqrt(np.maximum(np.maximum(red, green), blue)), 1.0)
+
+
+def _class_of_kind(kind: int) -> int:
+    if kind == STRAIGHT:
+        return SEEN_BY["camera"]
+    if kind & TRANSMITTED:
+        return SEEN_BY["transmission"]
+    return SEEN_BY["diffuse" if kind & DIFFUSE else "glossy"]
+
+
+CLASS_OF_KIND = np.array([_class_of_kind(kind) for kind in range(16)], dtype=np.uint8)
+
+
+def classify_rays(kind: Kinds) -> Masks:
+    """Return the class (n,), a bit of SEEN_BY, of rays whose last bounce was of a `kind` (n,)."""
+    return CLASS_OF_KIND[kind]

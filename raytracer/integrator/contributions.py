@@ -1,0 +1,178 @@
+"""What paths add to the passes: the world and lamps that they see, what shines, and the first surface's description.
+
+Passes mean what they mean in Cycles (intern/cycles/kernel/film/data_passes.h).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from raytracer.arrays.rows import mean_column
+from raytracer.arrays.types import Floats
+from raytracer.bsdfs.bounce_kinds import describe_kinds
+from raytracer.bsdfs.closures import Shading
+from raytracer.casting.rays import Hits
+from raytracer.integrator.bounces import classify_rays
+from raytracer.integrator.clamping import clamp_met
+from raytracer.integrator.integrator import Integrator
+from raytracer.integrator.paths import Paths, Record
+from raytracer.lecture import length
+from raytracer.lights.emitters import emitter_density
+from raytracer.lights.environment import Environment, environment_density, find_environment
+from raytracer.lights.lights import evaluate_light
+from raytracer.sampling.sampler import Sampler
+from raytracer.sampling.warps import power_heuristic
+from raytracer.scene.lights import Light
+from raytracer.shading.occlusion import Probe
+from raytracer.shading.site import LightPath
+from raytracer.surfaces.surface import Surface
+
+# Cycles' default: Normal, UV, Depth and so on belong to the first surface at least this opaque.
+OPAQUE_ENOUGH = 0.5
+# How far rays go that hit nothing, as programs of worlds see it: Cycles' largest number.
+FARTHEST = float(np.finfo(np.float32).max)
+
+
+def add_background(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
+    """Rays that hit nothing see the world; where it is left out of the picture, what is seen straight is alpha."""
+    missed = paths.select(np.flatnonzero(~hits.hit))
+    if integrator.settings.transparent:
+        record.background[missed.row[missed.direct]] += mean_column(missed.throughput[missed.direct])
+        missed = missed.select(~missed.direct)
+    if integrator.background is not None and len(missed):
+        light = see_background(integrator, integrator.background, missed)
+        record.add("Combined", missed.row, light)
+        if record.backdrop is not None:
+            record.backdrop[missed.row[missed.direct]] += light[missed.direct]
+
+
+def see_background(integrator: Integrator, background: Environment, paths: Paths) -> Floats:
+    """Return what the world adds to paths (k, 3) that see it, in the share that light sampling leaves to them."""
+    directions = paths.rays.directions
+    sampled = environment_density(background, paths.scatter_normal, directions)
+    share = power_heuristic(paths.density, sampled)[:, np.newaxis]
+    path = describe_rays(paths, FARTHEST) if background.program is not None else None
+    radiance = find_environment(background, directions, path)
+    return clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
+
+
+def add_lamps(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
+    """Rays see the lamps that they pass before they hit, if those are for them to see."""
+    for lamp in integrator.visible_lamps:
+        add_lamp(integrator, lamp, record, paths, hits)
+
+
+def add_lamp(integrator: Integrator, lamp: Light, record: Record, paths: Paths, hits: Hits) -> None:
+    """Add what rays see of one lamp; the directions of camera rays may have any length."""
+    rows = np.flatnonzero(classify_rays(paths.kind) & lamp.seen_by)
+    paths = paths.select(rows)
+    unit = length(paths.rays.directions)
+    seen = evaluate_light(lamp, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
+    reach = paths.travelled + hits.distance[rows] * unit
+    passed = (seen.density > 0) & (paths.travelled <= seen.distance) & (seen.distance <= reach)
+    if integrator.links is not None:
+        passed &= paths.direct | integrator.links.find_lit(lamp.receivers, paths.scatterer)
+    share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
+    radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * seen.radiance)
+    record.add("Combined", paths.row, radiance)
+    record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
+
+
+def cut_holes(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> tuple[Paths, Hits]:
+    """End paths that go straight into a holdout object: black, and no part of the picture."""
+    if integrator.holdout is None:
+        return paths, hits
+    cut = paths.direct & integrator.holdout[hits.instance]
+    if integrator.settings.transparent:
+        record.background[paths.row[cut]] += mean_column(paths.throughput[cut])
+    return paths.select(~cut), hits.select(~cut)
+
+
+def describe_surface(
+    integrator: Integrator, record: Record, paths: Paths, hits: Hits, surface: Surface, shading: Shading
+) -> None:
+    """Fill the passes that describe the first opaque surface straight ahead of the camera."""
+    direct = np.flatnonzero(paths.direct)
+    record.add("Diffuse Color", paths.row[direct], (paths.throughput * shading.sum_diffuse())[direct])
+    rows = direct[~record.settled[paths.row[direct]]]
+    row = paths.row[rows]
+    stretch = hits.distance[rows] * length(paths.rays.directions[rows])
+    record.set("Depth", row, (paths.travelled[rows] + stretch) / record.depth_unit[row])
+    record.set("Position", row, surface.position[rows])
+    record.set("Object Index", row, integrator.pass_index[surface.instance[rows]])
+    record.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
+    opaque = mean_column(shading.transparency[rows]) <= 1.0 - OPAQUE_ENOUGH
+    rows, row = rows[opaque], row[opaque]
+    if "Normal" in record.passes:
+        record.set("Normal", row, shading.average_normal()[rows])
+    if surface.uv is not None:
+        mapped = ~np.isnan(surface.uv[rows, 0])
+        uv = surface.uv[rows[mapped]]
+        record.set("UV", row[mapped], np.pad(uv, ((0, 0), (0, 1)), constant_values=1.0))
+    record.settled[row] = True
+
+
+def add_emission(integrator: Integrator, record: Record, paths: Paths, surface: Surface, shading: Shading) -> None:
+    """Add what shines at the hit, in the share that light sampling leaves to reflected rays."""
+    if integrator.emitters is None:
+        return
+    share = np.ones(len(paths))
+    sampled = np.flatnonzero(np.isfinite(paths.density))
+    other = emitter_density(
+        integrator.emitters,
+        paths.scatter_origin[sampled],
+        paths.rays.directions[sampled],
+        surface.instance[sampled],
+        surface.primitive[sampled],
+    )
+    share[sampled] = power_heuristic(paths.density[sampled], other)
+    if integrator.links is not None:
+        lit = integrator.links.find_lit(integrator.links.receivers[surface.instance], paths.scatterer)
+        share[~(paths.direct | lit)] = 0.0
+    light = paths.throughput * shading.radiance * share[:, np.newaxis]
+    radiance = clamp_met(integrator.settings, paths.bounces, light)
+    record.add("Combined", paths.row, radiance)
+    record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
+
+
+def describe_path(
+    integrator: Integrator, paths: Paths, hits: Hits, surface: Surface, sampler: Sampler
+) -> LightPath | None:
+    """Return what programs of materials can ask of the rays; None where there are no programs.
+
+    sampler : of the batch's rays
+    """
+    if integrator.materials.computed is None:
+        return None
+    path = describe_rays(paths, hits.distance)
+    if integrator.block is None:
+        return path
+    own = sampler.select(paths.row).skip(integrator.dimensions - 1 - integrator.interreflects)
+    return replace(path, probe=Probe(surface, integrator.block, own))
+
+
+def describe_rays(paths: Paths, distance: Floats | float) -> LightPath:
+    """Return what programs can ask of rays that go for a distance (n,), in units of their directions' lengths."""
+    unit = length(paths.rays.directions)
+    stretch = distance * unit
+    return LightPath(
+        {
+            **describe_kinds(paths.kind, paths.bounces),
+            "length": stretch - paths.rays.t_min * unit,
+            "travelled": paths.travelled + stretch,
+            "transparent_depth": paths.passages.astype(np.float64),
+        }
+    )
+
+
+def divide_shadow(arriving: Floats, unshadowed: Floats) -> Floats:
+    """The Shadow pass: the share of the direct light that reaches the first surface; where none could, nothing does."""
+    return np.divide(arriving, unshadowed, out=np.zeros_like(arriving), where=unshadowed > 0)
+
+
+def finish_alpha(integrator: Integrator, record: Record) -> None:
+    """Alpha is what did not reach a background left out of the picture."""
+    if "Combined" in record.passes:
+        record.passes["Combined"][:, 3] = 1.0 - record.background

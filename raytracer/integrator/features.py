@@ -1,0 +1,151 @@
+"""What this scene needs, derived from its content; never a user option.
+
+Every stage that a scene may lack is asked for here once, when a render is composed: a feature that is absent is not
+extracted, not allocated and not called.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
+from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
+from raytracer.scene.materials import Closure
+from raytracer.scene.programs import Register
+from raytracer.scene.scene import Scene
+from raytracer.shading.evaluate import casts_rays, reads_light_path
+
+DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
+SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
+
+
+@dataclass(frozen=True)
+class Features:
+    """One flag for each thing a scene may lack.
+
+    smooth_normals : a mesh has normals
+    emission : a used material emits (visible light sources; sampled as lights)
+    world : the world is not black
+    diffuse : a material reflects diffusely
+    mirrors : a material reflects or transmits otherwise
+    rough : a reflecting or transmitting material has roughness above 0
+    transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
+    holdout : an object punches a hole into the alpha channel
+    shadow_catchers : an object shows only how others change its light
+    light_linking : a lamp, or what shines, lights some objects only
+    ray_visibility : an object is hidden from some rays
+    programs : a parameter of a material is computed at each point
+    light_path : a program asks how the ray came
+    occlusion : a program casts rays
+    """
+
+    meshes: bool
+    spheres: bool
+    smooth_normals: bool
+    uvs: bool
+    point_lights: bool
+    spot_lights: bool
+    sun_lights: bool
+    area_lights: bool
+    emission: bool
+    world: bool
+    diffuse: bool
+    mirrors: bool
+    rough: bool
+    transparency: bool
+    holdout: bool
+    shadow_catchers: bool
+    light_linking: bool
+    ray_visibility: bool
+    programs: bool
+    light_path: bool
+    occlusion: bool
+
+
+def _may(closure: Closure, name: str, predicate: Callable[[Any], Any]) -> bool:
+    """True where a constant parameter fulfils `predicate`; what a program computes may."""
+    return name in closure.registers or bool(predicate(getattr(closure, name)))
+
+
+def _has_weight(closure: Closure) -> bool:
+    return _may(closure, "weight", lambda weight: weight > 0)
+
+
+def _emits(closure: Closure) -> bool:
+    name = "color" if closure.kind == "emission" else "emission"
+    kind = closure.kind in ("emission", "principled")
+    return kind and _has_weight(closure) and _may(closure, name, lambda color: color.max() > 0)
+
+
+def _is_diffuse(closure: Closure) -> bool:
+    metal = not _may(closure, "metallic", lambda metallic: metallic < 1)
+    glass = not _may(closure, "transmission", lambda transmission: transmission < 1)
+    base = closure.kind == "principled" and not metal and not glass
+    if closure.kind == "principled" and _may(closure, "sheen_weight", lambda weight: weight > 0):
+        return _has_weight(closure)
+    return (
+        (closure.kind in DIFFUSE_KINDS or base)
+        and _has_weight(closure)
+        and _may(closure, "color", lambda color: color.max() > 0)
+    )
+
+
+def _scatters_on(closure: Closure) -> bool:
+    """True where a ray goes on after this closure: every kind with a specular part."""
+    return closure.kind in SPECULAR_KINDS and _has_weight(closure)
+
+
+def _is_rough(closure: Closure) -> bool:
+    coated = closure.kind == "principled" and _may(closure, "coat_weight", lambda weight: weight > 0)
+    return _scatters_on(closure) and (coated or _may(closure, "roughness", lambda roughness: roughness > 0))
+
+
+def _lets_through(closure: Closure) -> bool:
+    see_through = closure.kind == "principled" and _may(closure, "alpha", lambda alpha: alpha < 1)
+    return _has_weight(closure) and (closure.kind == "transparent" or see_through)
+
+
+def _shines(world: World) -> bool:
+    return isinstance(world.color, Register) or bool(world.color.max() > 0)
+
+
+def _is_any(scene: Scene, name: str) -> bool:
+    """True where an instance, or a group of spheres, has a property."""
+    placed = scene.instances is not None and bool(getattr(scene.instances, name).any())
+    return placed or any(getattr(group, name) for group in scene.spheres)
+
+
+def derive_features(scene: Scene) -> Features:
+    """Return the Features of `scene`."""
+    closures = [closure for material in scene.materials for closure in material.closures]
+    # SpotLight is a PointLight by inheritance; the exact type tells them apart.
+    kinds = {type(light) for light in scene.lights}
+    hides = any(group.seen_by != SEEN_BY_ALL for group in scene.spheres)
+    if scene.instances is not None and scene.instances.seen_by is not None:
+        hides |= bool((scene.instances.seen_by != SEEN_BY_ALL).any())
+    return Features(
+        meshes=any(len(mesh.triangles) for mesh in scene.meshes),
+        spheres=any(len(group.radii) for group in scene.spheres),
+        smooth_normals=any(mesh.normals is not None for mesh in scene.meshes),
+        uvs=any(mesh.uvs is not None for mesh in scene.meshes),
+        point_lights=PointLight in kinds,
+        spot_lights=SpotLight in kinds,
+        sun_lights=SunLight in kinds,
+        area_lights=AreaLight in kinds,
+        emission=any(_emits(closure) for closure in closures),
+        world=scene.world is not None and _shines(scene.world),
+        diffuse=any(_is_diffuse(closure) for closure in closures),
+        mirrors=any(_scatters_on(closure) for closure in closures),
+        rough=any(_is_rough(closure) for closure in closures),
+        transparency=any(_lets_through(closure) for closure in closures),
+        holdout=_is_any(scene, "holdout"),
+        shadow_catchers=_is_any(scene, "shadow_catcher"),
+        light_linking=any(record.receivers != ALL_SETS for record in (*scene.lights, *scene.spheres))
+        or (scene.instances is not None and bool((scene.instances.receivers != ALL_SETS).any())),
+        ray_visibility=hides,
+        programs=any(closure.registers or closure.vectors for closure in closures),
+        light_path=any(reads_light_path(material.program) for material in scene.materials),
+        occlusion=any(casts_rays(material.program) for material in scene.materials),
+    )

@@ -1,0 +1,339 @@
+"""All rays that one camera ray leads to, written down one by one: the lecture's "Recursive ray tracing" to look at.
+
+A picture needs sums only; who learns, or looks for a mistake, wants the terms. Every surface sends one shadow ray to
+the middle of each light, and one ray each the way it reflects, refracts and lets pass. Nothing is left to chance: of
+perfect mirrors, clear glass and lights without extent the colours are the picture's own, of all else its simplest
+estimate, without diffuse interreflection. The stages are the integrator's.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from raytracer.arrays.types import Floats
+from raytracer.arrays.vectors import reflect
+from raytracer.bsdfs.bounce_kinds import GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
+from raytracer.bsdfs.bsdf import Continuation
+from raytracer.bsdfs.closures import Shading
+from raytracer.bsdfs.fresnel import refract
+from raytracer.bsdfs.microfacet import evaluate_fresnel
+from raytracer.casting.caster import Caster
+from raytracer.casting.geometry import world_corners
+from raytracer.casting.ray_visibility import classify_shadows
+from raytracer.casting.rays import Hits, Rays, make_rays
+from raytracer.film.camera import primary_rays
+from raytracer.integrator.bounces import classify_rays, find_ended
+from raytracer.integrator.contributions import add_background, add_emission, add_lamps, describe_path
+from raytracer.integrator.direct_light import aim_at_lights
+from raytracer.integrator.integrator import Integrator, light_is_on, prepare
+from raytracer.integrator.light_sources import GEOMETRY, LAMP, LitPoints
+from raytracer.integrator.loop import find_closed
+from raytracer.integrator.paths import Paths, advance, start_paths, start_record
+from raytracer.integrator.settings import Settings
+from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
+from raytracer.integrator.traced_rays import (
+    CAMERA,
+    EMITTERS,
+    PASSED,
+    REFLECTED,
+    REFRACTED,
+    WORLD,
+    Hit,
+    Shadow,
+    TracedRay,
+)
+from raytracer.lecture import Region, classify_barycentric, cross, dot, intersect_sphere, intersect_triangle, length
+from raytracer.lights.emitters import pick_emitters
+from raytracer.sampling.sampler import Sampler
+from raytracer.sampling.sobol import PixelSamples
+from raytracer.scene.scene import Scene
+from raytracer.shading.materials import find_transparency, make_shading
+from raytracer.surfaces.surface import Surface, make_surface, spawn_origin
+
+# A tree has so many rays at most, and none that counts less in the picture: more, the eye could not tell apart.
+MOST_RAYS = 64
+SMALLEST_SHARE = 1 / 64
+
+
+class MiddleSamples(PixelSamples):
+    """Sample numbers that are all 1/2, which aims at the middle of lights."""
+
+    def select(self, index: Any) -> MiddleSamples:
+        """Return the samples of some of the points."""
+        return MiddleSamples(self.pixel[index], 0, 0)
+
+    def uniform(self, dimension: int) -> Floats:
+        """Return (n,) 1/2."""
+        return np.full(len(self), 0.5)
+
+    def uniform_pair(self, dimension: int) -> Floats:
+        """Return (n, 2) 1/2."""
+        return np.full((len(self), 2), 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Inspector:
+    """A scene whose rays can be looked at; lamps : the number among its lights of each that is on."""
+
+    scene: Scene
+    caster: Caster
+    integrator: Integrator
+    lamps: tuple[int, ...]
+
+    def inspect_pixel(self, width: int, height: int, x: float, y: float) -> list[TracedRay]:
+        """Return the rays that the camera's through a point of its picture leads to, the camera's first.
+
+        width, height : of the full picture, pixels
+        x, y : pixels from the lower left corner, y up; the centre of pixel (i, j) is (i + 0.5, j + 0.5)
+
+        Raises
+        ------
+        ValueError
+            If the scene has no camera.
+        """
+        if self.scene.camera is None:
+            raise ValueError("Scene: camera: expected a Camera to look through, got None")
+        return trace_tree(self, primary_rays(self.scene.camera, width, height, np.array([x]), np.array([y])))
+
+    def inspect_ray(self, origin: Any, direction: Any, t_min: float = 0.0, t_max: float = np.inf) -> list[TracedRay]:
+        """Return the rays that o + t d leads to, that first; arguments as those of `Caster.closest_hit`."""
+        return trace_tree(self, make_rays(origin, direction, t_min, t_max))
+
+
+def make_inspector(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, int] | None = None) -> Inspector:
+    """Return what looks at the rays of `scene`.
+
+    caster : of that scene
+    settings : their limits of bounces are followed
+    frame : size of the full picture, pixels, for materials that ask
+    """
+    settings = replace(settings, integrator="direct", passes=("Combined",), transparent=False)
+    integrator = prepare(scene, caster, settings, *(() if frame is None else (frame,)))
+    lamps = tuple(number for number, light in enumerate(scene.lights) if light_is_on(light))
+    return Inspector(scene, caster, integrator, lamps)
+
+
+class Step(NamedTuple):
+    """A ray that waits to be cast; its colour counts `weight` (3,) in its parent's and `share` (3,) in the camera's."""
+
+    kind: str
+    parent: int
+    path: Paths
+    weight: Floats
+    share: Floats
+
+
+def trace_tree(inspector: Inspector, rays: Rays) -> list[TracedRay]:
+    """Return the tree of one ray, each generation after the one before."""
+    tree: list[TracedRay] = []
+    waiting = deque([Step(CAMERA, -1, start_paths(rays), np.ones(3), np.ones(3))])
+    while waiting:
+        step = waiting.popleft()
+        ray = start_ray(step)
+        tree.append(ray)
+        for kind, path, weight in trace_ray(inspector, ray, step.path):
+            share = step.share * weight
+            if share.max() < SMALLEST_SHARE or len(tree) + len(waiting) >= MOST_RAYS:
+                ray.is_cut = True
+            else:
+                waiting.append(Step(kind, len(tree) - 1, path, weight, share))
+    for ray in reversed(tree):
+        if ray.parent >= 0:
+            tree[ray.parent].color += ray.weight * ray.color
+    return tree
+
+
+def start_ray(step: Step) -> TracedRay:
+    """Return the record of a ray that has seen nothing."""
+    rays = step.path.rays
+    return TracedRay(step.kind, step.parent, rays.origins[0], rays.directions[0], step.weight, np.zeros(3))
+
+
+Way = tuple[str, Paths, Floats]  # kind, the path that goes on, its weight (3,)
+
+
+def trace_ray(inspector: Inspector, ray: TracedRay, path: Paths) -> list[Way]:
+    """Cast one ray, write down what it finds and the light from there; return the ways on."""
+    integrator = inspector.integrator
+    hits = integrator.cast(path.rays, classify_rays(path.kind))
+    record = start_record(integrator.settings, path.rays)
+    add_background(integrator, record, path, hits)
+    add_lamps(integrator, record, path, hits)
+    ways: list[Way] = []
+    if hits.hit[0]:
+        surface = make_surface(integrator.tables, path.rays, hits)
+        own = Sampler(PixelSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
+        shading = make_shading(integrator.materials, surface, describe_path(integrator, path, hits, surface, own))
+        add_emission(integrator, record, path, surface, shading)
+        ray.hit = describe_hit(inspector.caster, path.rays, hits, surface, shading)
+        if not find_ended(path.bounces, integrator.settings)[0]:
+            ray.shadows = list(trace_shadows(inspector, path, surface, shading))
+            ray.dark = sorted(set(inspector.lamps) - {shadow.source for shadow in ray.shadows})
+        ways = list(find_ways(integrator, path, hits, surface, shading))
+    ray.color += record.passes["Combined"][0, :3] + sum(shadow.light * shadow.share for shadow in ray.shadows)
+    return ways
+
+
+# What is hit ----------------------------------------------------------------------------------------------------------
+
+
+def describe_hit(caster: Caster, rays: Rays, hits: Hits, surface: Surface, shading: Shading) -> Hit:
+    """Return the record of the hit of one ray."""
+    geometry, weights, region = caster.geometry, None, Region.INSIDE
+    origin, direction = rays.origins[0], rays.directions[0]
+    if hits.instance[0] < len(geometry.instance_mesh):
+        a, b, c = (corner[0] for corner in world_corners(geometry, hits.instance, hits.primitive))
+        beta, gamma = hits.barycentric[0]
+        weights = np.array([1.0 - beta - gamma, beta, gamma])
+        region = Region(int(classify_barycentric(weights, measure_tolerance(surface, a, b, c))))
+        lecture_distance = float(intersect_triangle(origin, direction, a, b, c).t)
+    else:
+        number = geometry.first_id[hits.instance[0]] + hits.primitive[0] - geometry.sphere_id
+        roots = intersect_sphere(origin, direction, geometry.centres[number], geometry.radii[number])
+        ahead = roots[roots >= rays.t_min[0]]
+        lecture_distance = float(ahead[0]) if len(ahead) else np.nan
+    return Hit(
+        distance=float(hits.distance[0]),
+        distance_error=float(hits.distance_error[0]),
+        lecture_distance=lecture_distance,
+        instance=int(hits.instance[0]),
+        primitive=int(hits.primitive[0]),
+        material=int(surface.material[0]),
+        barycentric=weights,
+        region=region,
+        position=surface.position[0],
+        position_error=float(surface.position_error[0]),
+        geometric_normal=surface.geometric_normal[0],
+        shading_normal=surface.shading_normal[0],
+        front=bool(surface.front[0]),
+        emitted=shading.radiance[0],
+    )
+
+
+def measure_tolerance(surface: Surface, a: Floats, b: Floats, c: Floats) -> float:
+    """Return how much a weight changes over the error of the position: that error over the triangle's least height.
+
+    The height over a side is twice the area over the side's length.
+    """
+    longest = max(float(length(side)) for side in (b - a, c - b, a - c))
+    doubled_area = float(length(cross(b - a, c - a)))
+    return float(surface.position_error[0]) * longest / doubled_area if doubled_area > 0 else 0.0
+
+
+# Light ----------------------------------------------------------------------------------------------------------------
+
+
+def trace_shadows(inspector: Inspector, path: Paths, surface: Surface, shading: Shading) -> Iterator[Shadow]:
+    """Yield a shadow ray to each source of light of which the surface sends anything back."""
+    integrator = inspector.integrator
+    points = LitPoints(surface, shading, path.passages, Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0))
+    # Nothing but light sampling brings this light: no other way to its directions has a probability.
+    probabilities = np.zeros((1, 1 + len(shading.lobes)))
+    sources = tuple(replace(source, cast_shadow=True) for source in integrator.sources)
+    aimed = aim_at_lights(sources, points, probabilities, np.ones((1, 3)), np.zeros(1, np.intp))
+    names = name_sources(inspector)
+    for source, name, rays in zip(integrator.sources, names, aimed, strict=True):
+        if len(rays.row):
+            yield trace_shadow(integrator, name, rays, source.cast_shadow)
+
+
+def name_sources(inspector: Inspector) -> list[int | str]:
+    """Return what each of the integrator's sources is, as in `Shadow.source`; the world may be sampled in two ways."""
+    lamps = iter(inspector.lamps)
+    names = {GEOMETRY: EMITTERS}
+    sources = inspector.integrator.sources
+    return [next(lamps) if source.kind == LAMP else names.get(source.kind, WORLD) for source in sources]
+
+
+def trace_shadow(integrator: Integrator, source: int | str, aimed: ShadowRays, casts: bool) -> Shadow:
+    """Cast one shadow ray; casts : False for a lamp that throws no shadows."""
+    rays, share, blocker, target = aimed.rays, np.ones(3), None, -1
+    assert rays is not None
+    if casts:
+        share = np.broadcast_to(cast_shadows(integrator.visibility, [aimed])[0][0], 3)
+        blocker = None if share.any() else find_blocker(integrator, rays)
+    if source == EMITTERS and integrator.emitters is not None:
+        target = int(integrator.emitters.instance[pick_emitters(integrator.emitters, np.array([0.5]))[0]])
+    reach = float(rays.t_max[0])
+    return Shadow(
+        source=source,
+        origin=rays.origins[0],
+        direction=rays.directions[0],
+        reach=reach,
+        light=aimed.light[0],
+        share=share,
+        blocker=-1 if blocker is None else blocker.instance,
+        primitive=-1 if blocker is None else blocker.primitive,
+        end=reach if blocker is None else blocker.distance,
+        target=target,
+    )
+
+
+class Blocker(NamedTuple):
+    """What stops a shadow ray, at t = distance."""
+
+    instance: int
+    primitive: int
+    distance: float
+
+
+def find_blocker(integrator: Integrator, rays: Rays) -> Blocker | None:
+    """Return the first surface on a shadow ray that lets nothing through, or the last there is; None where none is."""
+    blocker, travelled = None, 0.0
+    while True:
+        hits = integrator.cast(rays, classify_shadows(rays))
+        if not hits.hit[0]:
+            return blocker
+        blocker = Blocker(int(hits.instance[0]), int(hits.primitive[0]), travelled + float(hits.distance[0]))
+        surface = make_surface(integrator.tables, rays, hits)
+        if not find_transparency(integrator.materials, surface).any():
+            return blocker
+        travelled += float(hits.distance[0])
+        origins, reach = spawn_origin(surface, rays.directions), np.maximum(rays.t_max - hits.distance, 0.0)
+        rays = Rays(origins, rays.directions, np.zeros(1), reach)
+
+
+# Ways on --------------------------------------------------------------------------------------------------------------
+
+
+def find_ways(integrator: Integrator, path: Paths, hits: Hits, surface: Surface, shading: Shading) -> Iterator[Way]:
+    """Yield the ways on that carry light; those of several lobes in one direction count together."""
+    if find_ended(path.bounces, integrator.settings)[0] or find_closed(integrator, path)[0]:
+        return
+    found: dict[tuple[str, bytes], tuple[Floats, Floats, int]] = {}
+    for kind, direction, weight, bounce in list_directions(shading):
+        key = kind, direction.tobytes()
+        total = weight + (found[key][1] if key in found else 0.0)
+        found[key] = direction, total, bounce
+    for (kind, _), (direction, weight, bounce) in found.items():
+        if weight.max() > 0:
+            way = Continuation(direction[np.newaxis], np.ones((1, 3)), np.array([np.inf]), np.array([bounce], np.uint8))
+            yield kind, advance(path, hits, surface, shading, way), weight
+
+
+def list_directions(shading: Shading) -> Iterator[tuple[str, Floats, Floats, int]]:
+    """Yield kind, unit direction (3,), weight (3,) and kind of bounce of every way on from one point."""
+    yield PASSED, -shading.outgoing[0], shading.transparency[0], STRAIGHT
+    for lobes in shading.lobes:
+        if not len(lobes):
+            continue
+        outgoing, normal, geometric = shading.outgoing, lobes.normal, shading.geometric_normal
+        if not dot(normal, outgoing)[0] > 0:
+            continue
+        reflectance, transmittance = evaluate_fresnel(lobes, np.clip(dot(normal, outgoing), 0.0, 1.0))
+        singular = SINGULAR if lobes.is_perfect[0] else 0
+        mirrored, bent = reflect(outgoing, normal), refract(outgoing, normal, lobes.eta)
+        if is_on_side(mirrored, normal, geometric, 1):
+            yield REFLECTED, mirrored[0], (lobes.weight * reflectance)[0], GLOSSY | singular
+        if is_on_side(bent, normal, geometric, -1):
+            yield REFRACTED, bent[0], (lobes.weight * transmittance)[0], GLOSSY | singular | TRANSMITTED
+
+
+def is_on_side(direction: Floats, normal: Floats, geometric_normal: Floats, side: int) -> bool:
+    """True where one direction leaves to the side, 1 or -1, of both normals."""
+    return bool((side * dot(normal, direction) > 0)[0] and (side * dot(geometric_normal, direction) > 0)[0])

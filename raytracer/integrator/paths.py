@@ -1,0 +1,191 @@
+"""Paths of rays on their way through the scene, and the record of what they have seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.rows import take_rows
+from raytracer.arrays.types import Booleans, Counts, Floats, Kinds
+from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
+from raytracer.bsdfs.bsdf import Continuation
+from raytracer.bsdfs.closures import Shading
+from raytracer.casting.rays import Hits, Rays, join_rays
+from raytracer.film.passes import PASSES
+from raytracer.integrator.clamping import is_clamped
+from raytracer.integrator.settings import Settings
+from raytracer.lecture import length
+from raytracer.surfaces.surface import Surface, spawn_origin
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Paths:
+    """k rays on their way, each the last stretch of a path.
+
+    row : (k,) int64, the ray of the batch that the path began with
+    rays : their directions are unit vectors from the second stretch on
+    throughput : (k, 3) float64, what the light from here counts
+    kind : (k,) uint8, of its last bounce; STRAIGHT before the first
+    bounces : (k, 3) int32, how many it has taken of each kind in `bounces.COUNTED`
+    passages : (k,) int32, how often it went straight through a surface
+    scatter_origin, scatter_normal : (k, 3) float64, where it was scattered last, which light sampling was done from
+    density : (k,) float64, with which it was scattered into this direction; inf where light sampling could not
+    rarest : (k,) float64, the least density of its bounces; inf before the first
+    scatterer : (k,) int32, instance that it was scattered by last; -1 before the first
+    travelled : (k,) float64, metres from scatter_origin to the origin of this stretch
+    """
+
+    row: NDArray[np.int64]
+    rays: Rays
+    throughput: Floats
+    kind: Kinds
+    bounces: Counts
+    passages: NDArray[np.int32]
+    scatter_origin: Floats
+    scatter_normal: Floats
+    density: Floats
+    rarest: Floats
+    scatterer: NDArray[np.int32]
+    travelled: Floats
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @property
+    def direct(self) -> Booleans:
+        """(k,) True where the path has gone straight so far, as the camera sees."""
+        return self.kind == STRAIGHT
+
+    def select(self, rows: Any) -> Paths:
+        """Return some of the paths: index or boolean array."""
+        return Paths(
+            self.row[rows],
+            self.rays.select(rows),
+            take_rows(self.throughput, rows),
+            self.kind[rows],
+            take_rows(self.bounces, rows),
+            self.passages[rows],
+            take_rows(self.scatter_origin, rows),
+            take_rows(self.scatter_normal, rows),
+            self.density[rows],
+            self.rarest[rows],
+            self.scatterer[rows],
+            self.travelled[rows],
+        )
+
+
+def join_paths(parts: Sequence[Paths]) -> Paths:
+    """Return the paths of several records as one, in order."""
+    if len(parts) == 1:
+        return parts[0]
+    if not parts:
+        return start_paths(join_rays([]))
+    joined = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in Paths.__slots__ if name != "rays"
+    }
+    return Paths(rays=join_rays([part.rays for part in parts]), **joined)
+
+
+def start_paths(rays: Rays) -> Paths:
+    """Return the paths that begin with camera rays."""
+    count = len(rays)
+    return Paths(
+        row=np.arange(count),
+        rays=rays,
+        throughput=np.ones((count, 3)),
+        kind=np.full(count, STRAIGHT, dtype=np.uint8),
+        bounces=np.zeros((count, len(COUNTED)), dtype=np.int32),
+        passages=np.zeros(count, dtype=np.int32),
+        scatter_origin=rays.origins,
+        scatter_normal=np.zeros((count, 3)),
+        density=np.full(count, np.inf),
+        rarest=np.full(count, np.inf),
+        scatterer=np.full(count, -1, dtype=np.int32),
+        travelled=np.zeros(count),
+    )
+
+
+@dataclass(eq=False)
+class Record:
+    """What n rays have seen so far, pass by pass.
+
+    depth_unit : (n,) float64, metres along the ray for a metre of depth
+    settled : (n,) bool, True where the surface that Depth, Normal and so on describe is found
+    background : (n,) float64, share of the ray that reached a background which is not part of the picture
+    unshadowed : (n, 3) float64, direct light if nothing were in the way, or None where the Shadow pass is not asked for
+    limit : (n,) float64, the largest sum of channels that light aimed at by the ray's path may add; None without limits
+    caught : what shadow catchers show, or None where there are none
+    backdrop : (n, 3) float64, the background that the camera sees where catchers are seen through; None where it is no
+        part of the picture, or there are none
+    """
+
+    passes: dict[str, Floats]
+    depth_unit: Floats
+    settled: Booleans
+    background: Floats
+    unshadowed: Floats | None
+    limit: Floats | None
+    caught: Caught | None = None
+    backdrop: Floats | None = None
+
+    def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
+        """Add (k, 3) to a pass, if it is asked for; each ray at most once a call."""
+        if name in self.passes:
+            target = self.passes[name][:, :3]
+            target[row] += values
+
+    def set(self, name: str, row: NDArray[np.int64], values: Any) -> None:
+        """Overwrite a pass, if it is asked for."""
+        if name in self.passes:
+            self.passes[name][row] = np.reshape(values, (len(row), PASSES[name].channels))
+
+
+@dataclass(eq=False)
+class Caught:
+    """What n rays have seen of shadow catchers.
+
+    met : (n,) bool, True where the ray's path met one
+    matte : (n, 4) float64, what it had seen till then, premultiplied; alpha is what hides the catcher
+    alone : what the path sees from there where there is nothing but catchers
+    """
+
+    met: Booleans
+    matte: Floats
+    alone: Record
+
+
+def start_record(settings: Settings, rays: Rays) -> Record:
+    """Return the record of camera rays that have seen nothing."""
+    count = len(rays)
+    passes = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in settings.passes}
+    unshadowed = np.zeros((count, 3)) if "Shadow" in passes else None
+    limit = np.full(count, np.inf) if is_clamped(settings) else None
+    return Record(passes, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count), unshadowed, limit)
+
+
+def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: Continuation) -> Paths:
+    """Return the paths that go on, at the start of their next stretch."""
+    alive = np.flatnonzero(way.alive)
+    old, direction = paths.select(alive), take_rows(way.direction, alive)
+    kind, passes = way.kind[alive], way.passes[alive]
+    surface, count = surface.select(alive), len(alive)
+    stretch = hits.distance[alive] * length(old.rays.directions)
+    scattered = ~passes[:, np.newaxis]
+    return replace(
+        old,
+        rays=Rays(spawn_origin(surface, direction), direction, np.zeros(count), np.full(count, np.inf)),
+        throughput=old.throughput * take_rows(way.weight, alive),
+        kind=np.where(passes, old.kind, kind),
+        bounces=count_bounces(old.bounces, kind),
+        passages=old.passages + passes,
+        scatter_origin=np.where(scattered, surface.position, old.scatter_origin),
+        scatter_normal=np.where(scattered, take_rows(shading.normal, alive), old.scatter_normal),
+        density=np.where(passes, old.density, way.density[alive]),
+        rarest=np.minimum(old.rarest, way.density[alive]),
+        scatterer=np.where(passes, old.scatterer, surface.instance),
+        travelled=np.where(passes, old.travelled + stretch, 0.0),
+    )

@@ -1,0 +1,155 @@
+"""What a user may choose about a render; everything else follows from the scene (`features`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from raytracer.arrays.checks import require_choice
+from raytracer.film.passes import PASSES
+from raytracer.predicates.rounding import PRECISIONS
+
+Border = tuple[int, int, int, int]
+
+# What is followed beyond the first surface: mirrors, glass and the like, or diffuse reflection as well.
+INTEGRATORS = ("direct", "path")
+
+# Blender's default widths, in pixels.
+FILTER_WIDTHS = {"blackman_harris": 1.5, "box": 1.0}
+
+# Sample numbers, pixel indices and seeds are 32-bit words in `sampling`.
+WORD_LIMIT = 2**32
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The settings of a render.
+
+    samples : rays per pixel
+    integrator : 'direct' follows reflection and transmission but diffuse, 'path' everything
+    max_bounces : reflections and transmissions that a ray may go through; straight passages do not count
+    diffuse_bounces, glossy_bounces, transmission_bounces : how many of them may be diffuse reflections, other
+        reflections, and transmissions; None takes max_bounces
+    transparent_bounces : straight passages of a ray, after the last of which it only sees what shines (0 as 1, as in
+        Cycles)
+    shadow_passages : the most straight passages of a ray together with a shadow ray from it; None takes
+        transparent_bounces
+    clamp_direct, clamp_indirect : the most that one sample of light may add to a pixel, as the mean of its channels,
+        after no bounce, and after one or more; 0 sets no limit
+    filter_glossy : the density of a bounce below which what follows is blurred; 0 blurs nothing. A picture is exact
+        where all three are 0
+    seed : another seed gives another, independent picture of the same noise
+    passes : names from `film.PASSES`
+    precision : 'certified', 'float64' or 'float32', see `raytracer.build`
+    workers : processes that trace; 1 traces in this process
+    transparent : True leaves the background out of the picture, alpha 0
+    pixel_filter : 'blackman_harris' or 'box'
+    filter_width : pixels; the radius of Blackman-Harris (as Blender counts it), the whole side of the box; 0 samples
+        the pixel's centre alone. None takes Blender's: 1.5 and 1
+    block_size : most camera rays traced at a time; changes no result
+    border : (x_min, y_min, x_max, y_max), pixels, y up, upper bounds exclusive; None renders the full picture
+    """
+
+    samples: int = 64
+    integrator: str = "direct"
+    max_bounces: int = 8
+    diffuse_bounces: int | None = None
+    glossy_bounces: int | None = None
+    transmission_bounces: int | None = None
+    transparent_bounces: int = 128
+    shadow_passages: int | None = None
+    clamp_direct: float = 0.0
+    clamp_indirect: float = 0.0
+    filter_glossy: float = 0.0
+    seed: int = 0
+    passes: tuple[str, ...] = ("Combined",)
+    precision: str = "certified"
+    workers: int = 1
+    transparent: bool = False
+    pixel_filter: str = "blackman_harris"
+    filter_width: float | None = None
+    block_size: int = 1 << 18
+    border: Border | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("diffuse_bounces", "glossy_bounces", "transmission_bounces"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, self.max_bounces)
+        if self.shadow_passages is None:
+            object.__setattr__(self, "shadow_passages", self.transparent_bounces)
+        for name, low, high in (
+            ("samples", 1, WORD_LIMIT - 1),
+            ("max_bounces", 0, None),
+            ("diffuse_bounces", 0, None),
+            ("glossy_bounces", 0, None),
+            ("transmission_bounces", 0, None),
+            ("transparent_bounces", 0, None),
+            ("shadow_passages", 0, None),
+            ("seed", 0, WORD_LIMIT - 1),
+            ("workers", 1, None),
+            ("block_size", 1, None),
+        ):
+            object.__setattr__(self, name, check_integer(getattr(self, name), low, high, f"Settings: {name}"))
+        for name in ("clamp_direct", "clamp_indirect", "filter_glossy"):
+            object.__setattr__(self, name, _check_number(getattr(self, name), f"Settings: {name}"))
+        require_choice(self.integrator, INTEGRATORS, "Settings: integrator")
+        require_choice(self.precision, PRECISIONS, "Settings: precision")
+        require_choice(self.pixel_filter, tuple(FILTER_WIDTHS), "Settings: pixel_filter")
+        object.__setattr__(self, "passes", _check_passes(self.passes))
+        object.__setattr__(self, "filter_width", _check_filter_width(self.filter_width, self.pixel_filter))
+        object.__setattr__(self, "border", _check_border(self.border))
+
+
+def check_integer(value: Any, low: int, high: int | None, field: str) -> int:
+    """Return a whole number from low to high (None: no upper limit), NumPy's integers included, as int.
+
+    Raises
+    ------
+    ValueError
+        If it is anything else.
+    """
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise ValueError(f"{field}: expected a whole number, got {value!r}")
+    number = int(value)
+    if number < low or (high is not None and number > high):
+        limits = f"of {low} or more" if high is None else f"from {low} to {high}"
+        raise ValueError(f"{field}: expected a whole number {limits}, got {number}")
+    return number
+
+
+def _check_passes(passes: Any) -> tuple[str, ...]:
+    names = (passes,) if isinstance(passes, str) else tuple(passes)
+    for name in names:
+        require_choice(name, tuple(PASSES), "Settings: passes")
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"Settings: passes: expected one or more different names, got {names}")
+    return names
+
+
+def _check_filter_width(width: Any, pixel_filter: str) -> float:
+    if width is None:
+        return FILTER_WIDTHS[pixel_filter]
+    return _check_number(width, "Settings: filter_width")
+
+
+def _check_number(value: Any, field: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{field}: expected a number, got {value!r}") from None
+    if not 0.0 <= number < float("inf"):
+        raise ValueError(f"{field}: expected a finite number of 0 or more, got {number}")
+    return number
+
+
+def _check_border(border: Any) -> Border | None:
+    if border is None:
+        return None
+    bounds = tuple(border) if isinstance(border, Iterable) else ()
+    if len(bounds) != 4:
+        raise ValueError(f"Settings: border: expected (x_min, y_min, x_max, y_max), got {border}")
+    x_min, y_min, x_max, y_max = (check_integer(bound, 0, None, "Settings: border") for bound in bounds)
+    if x_min >= x_max or y_min >= y_max:
+        raise ValueError(f"Settings: border: expected x_min < x_max and y_min < y_max, got {bounds}")
+    return x_min, y_min, x_max, y_max

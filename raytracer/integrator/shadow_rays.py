@@ -1,0 +1,144 @@
+"""Shadow rays: what share of a light's radiance reaches a shading point.
+
+Rays that share the point they end at, or their direction, are cast in calls of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from raytracer.arrays.rows import any_column
+from raytracer.arrays.types import Booleans, Counts, Floats, Indices, Keys
+from raytracer.casting.ray_visibility import Cast, RayCaster, classify_shadows
+from raytracer.casting.rays import Rays, join_rays
+from raytracer.integrator.light_sources import ALONE
+from raytracer.shading.materials import MaterialTable, find_transparency
+from raytracer.surfaces.surface import make_surface, spawn_origin
+from raytracer.surfaces.surface_tables import SurfaceTables
+
+# What shadow rays, after so many straight passages of their paths, let through: (n, 1) or (n, 3); where the third is
+# True, transparent surfaces let light through even if their material says that they stop it.
+Visibility = Callable[[Rays, Counts, Booleans], Floats]
+
+
+# Shadow rays ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ShadowRays:
+    """k shadow rays of one source.
+
+    row : (k,) int64, of the batch, that they light
+    light : (k, 3) float64, what arrives if nothing is in the way
+    key : (k,) int32, as in Aim
+    passages : (k,) int32, as in LitPoints
+    rays : None where the source throws no shadows
+    unstopped, chance : as in LightSource
+    """
+
+    row: Indices
+    light: Floats
+    key: Keys
+    passages: Counts
+    rays: Rays | None
+    unstopped: bool = False
+    chance: float = 1.0
+
+
+def cast_shadows(visibility: Visibility, aimed: Sequence[ShadowRays]) -> list[Floats]:
+    """Return what share of its light each record's rays let through, (k, 1) or (k, 3); 1 where there are no shadows.
+
+    Rays of one key of one record are cast in a call of their own, all others together.
+    """
+    casting = [record for record in aimed if record.rays is not None and len(record.row)]
+    rays = join_rays([record.rays for record in casting if record.rays is not None])
+    key = np.concatenate([np.zeros(0, np.int32), *_number_keys(casting)])
+    passages = np.concatenate([np.zeros(0, np.int32), *(record.passages for record in casting)])
+    unstopped = np.concatenate(
+        [np.zeros(0, np.bool_), *(np.full(len(record.row), record.unstopped) for record in casting)]
+    )
+    seen = None
+    for rows in _split_by_key(key):
+        part = visibility(rays.select(rows), passages[rows], unstopped[rows])
+        seen = np.empty((len(rays), part.shape[1])) if seen is None else seen
+        seen[rows] = part
+    shares, start = [], 0
+    for record in aimed:
+        stop = start + (len(record.row) if record.rays is not None else 0)
+        shares.append(np.ones((len(record.row), 1)) if seen is None or record.rays is None else seen[start:stop])
+        start = stop
+    return shares
+
+
+def _number_keys(records: Sequence[ShadowRays]) -> Iterator[Keys]:
+    """Yield each record's keys, no key of one like a key of another."""
+    first = 0
+    for record in records:
+        yield np.where(record.key == ALONE, ALONE, record.key + first).astype(np.int32)
+        first += int(record.key.max()) + 1
+
+
+def _split_by_key(key: Keys) -> Iterator[Indices | slice]:
+    """Yield the rows of each key."""
+    if not len(key):
+        return
+    if (key == key[0]).all():
+        yield slice(None)
+        return
+    order = np.argsort(key, kind="stable")
+    ends = np.flatnonzero(np.diff(key[order])) + 1
+    yield from np.split(order, ends)
+
+
+def opaque_visibility(caster: RayCaster, cast: Cast | None = None) -> Visibility:
+    """Shadow rays where every surface stops the light: (n, 1), 1 or 0.
+
+    cast : needed where some objects throw no shadows
+    """
+
+    def see(rays: Rays, passages: Counts, unstopped: Booleans) -> Floats:
+        if cast is not None:
+            blocked = cast(rays, classify_shadows(rays)).hit
+        else:
+            blocked = caster.any_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
+        return np.where(blocked, 0.0, 1.0)[:, np.newaxis]
+
+    return see
+
+
+def transparent_visibility(cast: Cast, tables: SurfaceTables, materials: MaterialTable, most: int) -> Visibility:
+    """Shadow rays that pass through transparent surfaces: (n, 3), the share of light that is left.
+
+    most : straight passages that a path may make together with its shadow ray
+    """
+    return partial(_see_through, cast, tables, materials, most)
+
+
+def _see_through(
+    cast: Cast,
+    tables: SurfaceTables,
+    materials: MaterialTable,
+    most: int,
+    rays: Rays,
+    passages: Counts,
+    unstopped: Booleans,
+) -> Floats:
+    left = np.ones((len(rays), 3))
+    rows = np.arange(len(rays))
+    while len(rows):
+        hits = cast(rays, classify_shadows(rays))
+        met = np.flatnonzero(hits.hit)
+        rays, hits, rows = rays.select(met), hits.select(met), rows[met]
+        surface = make_surface(tables, rays, hits)
+        left[rows] *= find_transparency(materials, surface, unstopped[rows])
+        left[rows[passages[rows] >= most]] = 0.0
+        passages = passages + 1
+        open_ = np.flatnonzero(any_column(left[rows] > 0))
+        rays, surface, rows = rays.select(open_), surface.select(open_), rows[open_]
+        reach = rays.t_max - hits.distance[open_]
+        rays = Rays(spawn_origin(surface, rays.directions), rays.directions, np.zeros(len(rows)), np.maximum(reach, 0))
+    return left

@@ -1,0 +1,34 @@
+"""Light linking: lamps, and objects that shine, may light some objects only.
+
+Every object belongs to a set, every emitter lights some sets. The camera sees all emitters; a reflected ray sees what
+lights the object that reflected it, so both ways of sampling light agree.
+
+References
+----------
+Blender, intern/cycles/kernel/light/sample.h: light_link_light_match.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.types import Booleans, Integers
+
+
+@dataclass(frozen=True, eq=False)
+class LightLinks:
+    """Of each instance and group of spheres:
+
+    light_set : (instances + groups,) int64, the set it belongs to
+    receivers : (instances + groups,) int64, the sets that it lights, as bits
+    """
+
+    light_set: NDArray[np.int64]
+    receivers: NDArray[np.int64]
+
+    def find_lit(self, receivers: int | NDArray[np.int64], instance: Integers) -> Booleans:
+        """Return (n,) True where what lights the sets `receivers`, one for all or (n,), lights `instance` (n,)."""
+        return (receivers >> self.light_set[instance]) & 1 != 0

@@ -1,0 +1,228 @@
+"""Blocks of work: which samples of which pixels are traced together, and what traces them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from raytracer.arrays.types import Floats
+from raytracer.casting.caster import Caster
+from raytracer.film.camera import primary_rays
+from raytracer.film.passes import select_passes
+from raytracer.film.pixel_filter import sample_pixel_filter
+from raytracer.integrator.integrator import Integrator, prepare
+from raytracer.integrator.loop import trace
+from raytracer.integrator.settings import WORD_LIMIT, Settings, check_integer
+from raytracer.lights.shared_points import choose_interleaving
+from raytracer.processes.workers import Workers
+from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
+from raytracer.sampling.sobol import PixelSamples
+from raytracer.scene.camera import Camera
+from raytracer.scene.scene import Scene
+
+# Seconds of work between two signs of progress. (`is_cancelled` is asked at every cast, far more often.)
+BLOCK_SECONDS = 1.0
+
+
+# Camera rays; with fewer at a time NumPy's calls cost more than its arithmetic in the later waves of mirrors and glass.
+SMALLEST_BLOCK = 1 << 17
+
+
+# Dimension of the pixel filter's samples; the integrator counts its own from 0 upwards.
+FILTER_DIMENSION = WORD_LIMIT - 1
+
+
+# Dimension of the points on the lens.
+LENS_DIMENSION = WORD_LIMIT - 2
+
+
+def _never() -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class View:
+    """The camera and the part of its picture that is rendered, pixels counted from the lower left corner.
+
+    full_width, full_height : size of the full picture
+    x_min, y_min, width, height : the part of it
+    interleaving : side of the squares of pixels that take different points of lights; 0 = every pixel takes its own
+    """
+
+    camera: Camera
+    full_width: int
+    full_height: int
+    x_min: int
+    y_min: int
+    width: int
+    height: int
+    interleaving: int = 0
+
+
+@dataclass(frozen=True)
+class Block:
+    """Consecutive samples of a run of the view's pixels, counted along its rows.
+
+    Small pictures are traced several samples at a time; a run shorter than the picture has one.
+    """
+
+    sample: int
+    start: int
+    stop: int
+    samples: int = 1
+
+
+@dataclass(frozen=True)
+class BlockResult:
+    """What the rays of a block saw: (samples * pixels, channels) float64 by pass, and what it took."""
+
+    block: Block
+    values: Mapping[str, Floats]
+    centre_values: Mapping[str, Floats] | None
+    rays: int
+    seconds: float
+
+
+def make_view(scene: Scene, width: int, height: int, settings: Settings) -> View:
+    """Return the View of `scene`, or raise ValueError if there is no camera or the border does not fit."""
+    width = check_integer(width, 1, None, "render: width")
+    height = check_integer(height, 1, None, "render: height")
+    if width * height > WORD_LIMIT:
+        raise ValueError(f"render: expected a picture of at most 2^32 pixels, got {width} x {height}")
+    if scene.camera is None:
+        raise ValueError("Scene: camera: expected a Camera to render through, got None")
+    x_min, y_min, x_max, y_max = settings.border or (0, 0, width, height)
+    if x_max > width or y_max > height:
+        raise ValueError(
+            f"Settings: border: expected x_max <= {width} and y_max <= {height}, the picture's size, "
+            f"got {settings.border}"
+        )
+    interleaving = choose_interleaving(width * height, settings.samples, scene)
+    return View(scene.camera, width, height, x_min, y_min, x_max - x_min, y_max - y_min, interleaving)
+
+
+def count_passes(settings: Settings) -> int:
+    """Return the number of passes over the picture: one will do if nothing but pixel centres is asked for."""
+    return settings.samples if select_passes(settings.passes, from_centre=False) else 1
+
+
+class BlockPlan:
+    """Cuts the passes into blocks of about BLOCK_SECONDS, learning from those that are done.
+
+    A block is several passes or an even part of one.
+    """
+
+    def __init__(self, pixels: int, passes: int, largest: int) -> None:
+        self.pixels = pixels
+        self.passes = passes
+        self._largest = largest
+        self._size = min(largest, SMALLEST_BLOCK)
+
+    def __iter__(self) -> Iterator[Block]:
+        sample = start = 0
+        while sample < self.passes:
+            rest = self.pixels - start
+            stop = start + -(-rest // -(-rest // self._size))
+            together = max(1, self._size // self.pixels) if start == 0 else 1
+            block = Block(sample, start, stop, min(together, self.passes - sample))
+            yield block
+            start = stop % self.pixels
+            sample += block.samples if start == 0 else 0
+
+    def observe(self, result: BlockResult) -> None:
+        """Set the size of the next blocks by how long this one took; at most twice its size."""
+        size = (result.block.stop - result.block.start) * result.block.samples
+        if size < self._size // 2:
+            return  # the short rest of a pass says little about the others
+        size = int(size * BLOCK_SECONDS / max(result.seconds, BLOCK_SECONDS / 2))
+        self._size = min(max(size, SMALLEST_BLOCK), self._largest)
+
+    def share_done(self, block: Block) -> float:
+        """Return the share of all work that is done with this block."""
+        done = block.sample * self.pixels + block.stop + (block.samples - 1) * self.pixels
+        return done / (self.passes * self.pixels)
+
+
+def trace_blocks(
+    pool: Workers | None,
+    tracer_arguments: tuple[Scene, Caster, View, Settings],
+    blocks: Iterable[Block],
+    is_cancelled: Callable[[], bool],
+) -> Iterator[BlockResult]:
+    """Yield the results of `blocks` in order, until `is_cancelled()`."""
+    if pool:
+        pool.load(BlockTracer, *tracer_arguments)
+        yield from pool.run(blocks, is_cancelled)
+        return
+    tracer = BlockTracer(*tracer_arguments, is_cancelled)
+    for block in blocks:
+        try:
+            result = tracer(block)
+        except CancelledError:
+            return
+        yield result
+
+
+class BlockTracer:
+    """Traces blocks; each worker makes one."""
+
+    def __init__(
+        self, scene: Scene, caster: Caster, view: View, settings: Settings, is_cancelled: Callable[[], bool] = _never
+    ) -> None:
+        self._view = view
+        self._settings = settings
+        self._frame = (view.full_width, view.full_height)
+        self._caster = WatchedCaster(caster, is_cancelled)
+        self._integrator = self._prepare(scene, from_centre=False)
+        self._centre_integrator = self._prepare(scene, from_centre=True)
+
+    def _prepare(self, scene: Scene, from_centre: bool) -> Integrator | None:
+        """Return an integrator for the passes of one kind, or None where there are none of it."""
+        names = select_passes(self._settings.passes, from_centre)
+        settings = replace(self._settings, passes=names) if names else None
+        caster = cast(Caster, self._caster)
+        return prepare(scene, caster, settings, self._frame, self._caster.take_part) if settings else None
+
+    def __call__(self, block: Block) -> BlockResult:
+        """Trace one block; raises CancelledError if the user did so meanwhile."""
+        started, rays_before = time.perf_counter(), self._caster.rays
+        samples, column, row = locate_pixels(self._view, block, self._settings.seed)
+        values: Mapping[str, Floats] = {}
+        centre_values = None
+        if self._integrator:
+            pair = samples.uniform_pair(FILTER_DIMENSION)
+            offset = sample_pixel_filter(pair, self._settings.pixel_filter, cast(float, self._settings.filter_width))
+            lens = samples.uniform_pair(LENS_DIMENSION) if self._view.camera.aperture_radius > 0 else None
+            values = self._trace(self._integrator, column + offset[:, 0], row + offset[:, 1], samples, lens)
+        if self._centre_integrator and block.sample == 0:
+            first = slice(0, block.stop - block.start)
+            centre_values = self._trace(self._centre_integrator, column[first], row[first], samples.select(first))
+        rays, seconds = self._caster.rays - rays_before, time.perf_counter() - started
+        return BlockResult(block, values, centre_values, rays, seconds)
+
+    def _trace(
+        self, integrator: Integrator, x: Floats, y: Floats, samples: PixelSamples, lens: Floats | None = None
+    ) -> Mapping[str, Floats]:
+        rays = primary_rays(self._view.camera, self._view.full_width, self._view.full_height, x, y, lens)
+        return trace(integrator, rays, samples)
+
+
+def locate_pixels(view: View, block: Block, seed: int) -> tuple[PixelSamples, Floats, Floats]:
+    """Return a block's samples, one sample of all its pixels after the other, and the pixels' centres (x, y).
+
+    Pixels are numbered within the full picture, so that a border changes none of them.
+    """
+    row, column = np.divmod(np.arange(block.start, block.stop, dtype=np.int64), view.width)
+    row += view.y_min
+    column += view.x_min
+    pixel = (row * view.full_width + column).astype(np.uint32)
+    sample = np.repeat(np.arange(block.sample, block.sample + block.samples, dtype=np.uint32), len(pixel))
+    side, group = view.interleaving, None
+    if side:
+        group = np.tile((row % side * side + column % side).astype(np.uint8), block.samples)
+    pixel, column, row = (np.tile(values, block.samples) for values in (pixel, column, row))
+    return PixelSamples(pixel, sample, seed, group), column + 0.5, row + 0.5

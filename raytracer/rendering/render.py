@@ -1,0 +1,111 @@
+"""The render loop: passes over the picture, each one sample of every pixel, in blocks of pixels.
+
+Primary rays through the pixels' samples, what the integrator sees along them, and the film that adds it up. A value
+depends on pixel, sample number and seed alone, so the picture is the same bit for bit for any block size, border and
+number of workers.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from typing import Any
+
+from raytracer.casting.caster import Caster, build
+from raytracer.film.film import Film
+from raytracer.integrator.features import derive_features
+from raytracer.integrator.integrator import catches_shadows
+from raytracer.integrator.settings import Settings
+from raytracer.processes.workers import Workers
+from raytracer.rendering.blocks import BlockPlan, BlockResult, _never, count_passes, make_view, trace_blocks
+from raytracer.scene.scene import Scene
+
+PassCallback = Callable[[Film, int, int], None]
+
+
+def render(
+    scene: Scene,
+    width: int,
+    height: int,
+    samples: int = 64,
+    *,
+    caster: Caster | None = None,
+    workers: int | Workers = 1,
+    on_pass: PassCallback | None = None,
+    on_progress: Callable[[float], None] | None = None,
+    is_cancelled: Callable[[], bool] | None = None,
+    **settings: Any,
+) -> Film:
+    """Render `scene` through its camera.
+
+    Parameters
+    ----------
+    width, height : size of the full picture, pixels
+    samples : rays per pixel
+    caster : what `raytracer.build(scene)` returned, to save building it again
+    workers : number of processes, or Workers that are running already (they keep running)
+    on_pass : called with (film, done, total) after each pass over the picture; the film can be read meanwhile
+    on_progress : called with the finished share, 0 to 1, after each block of pixels
+    is_cancelled : asked several times a second; True ends the render with the film as it is
+    settings : the other fields of `Settings` by name
+
+    Returns
+    -------
+    Film, of the border's size where one is set; `film.cancelled` tells whether it was stopped
+
+    Raises
+    ------
+    ValueError
+        If the scene has no camera or a setting does not fit.
+    WorkerError
+        If a worker process died.
+    """
+    count = len(workers) if isinstance(workers, Workers) else workers
+    chosen = Settings(samples=samples, workers=count, **settings)
+    view = make_view(scene, width, height, chosen)
+    film = Film(view.width, view.height, chosen.passes, catches=catches_shadows(derive_features(scene), chosen))
+    plan = BlockPlan(view.width * view.height, count_passes(chosen), chosen.block_size)
+    started = time.perf_counter()
+    caster = caster or build(scene, chosen.precision)
+    film.statistics.build_seconds = time.perf_counter() - started
+    with ExitStack() as stack:
+        pool = workers if isinstance(workers, Workers) else None
+        if chosen.workers > 1 and not pool:
+            pool = stack.enter_context(Workers(chosen.workers))
+        results = trace_blocks(pool, (scene, caster, view, chosen), plan, is_cancelled or _never)
+        accumulate(film, plan, results, on_pass, on_progress)
+    film.cancelled = film.samples < plan.passes
+    return film
+
+
+def accumulate(
+    film: Film,
+    plan: BlockPlan,
+    results: Iterable[BlockResult],
+    on_pass: PassCallback | None,
+    on_progress: Callable[[float], None] | None,
+) -> None:
+    """Add results to the film as they come, and tell the callbacks."""
+    started = time.perf_counter()
+    for result in results:
+        plan.observe(result)
+        add_result(film, result)
+        film.statistics.trace_seconds = time.perf_counter() - started
+        if on_progress:
+            on_progress(plan.share_done(result.block))
+        if result.block.stop == plan.pixels:
+            film.samples += result.block.samples
+            if on_pass:
+                on_pass(film, film.samples, plan.passes)
+
+
+def add_result(film: Film, result: BlockResult) -> None:
+    """Add what a block saw to the film."""
+    pixels = slice(result.block.start, result.block.stop)
+    count = pixels.stop - pixels.start
+    for first in range(0, result.block.samples * count, count):
+        film.add(pixels, {name: values[first : first + count] for name, values in result.values.items()})
+    if result.centre_values:
+        film.set_centre(pixels, result.centre_values)
+    film.statistics.rays += result.rays

@@ -1,0 +1,81 @@
+"""Which numbered dimension comes next: a pixel's own samples, and those that sets of pixels share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.types import Floats
+from raytracer.sampling.sobol import PixelSamples
+
+# Dimensions from here on belong to the sets of pixels that share samples.
+SHARED_DIMENSION = 2**31
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SharedSamples:
+    """One sample of each of k sets of pixels, which n pixels share.
+
+    key : (n,) unsigned, the set's sample that each pixel takes, 0 <= key < k
+    of_sets : k PixelSamples, numbered by set
+    """
+
+    key: NDArray[np.unsignedinteger[Any]]
+    of_sets: PixelSamples
+
+    def select(self, index: Any) -> SharedSamples:
+        """Return what some of the pixels share: index or boolean array."""
+        return SharedSamples(self.key[index], self.of_sets)
+
+    def uniform(self, dimension: int) -> Floats:
+        """Return (k,) float64 in [0, 1), independent of every pixel's own."""
+        return self.of_sets.uniform(dimension + SHARED_DIMENSION)
+
+    def uniform_pair(self, dimension: int) -> Floats:
+        """Return (k, 2) float64 in [0, 1) x [0, 1), independent of every pixel's own."""
+        return self.of_sets.uniform_pair(dimension + SHARED_DIMENSION)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sampler:
+    """Where n paths take their numbers from.
+
+    own : n PixelSamples
+    shared : what they share with others; None for nothing
+    dimension : the first of the numbered dimensions that are theirs to use; the methods count from there
+    """
+
+    own: PixelSamples
+    shared: SharedSamples | None
+    dimension: int
+
+    def select(self, index: Any) -> Sampler:
+        """Return the sampler of some of the paths: index or boolean array."""
+        return Sampler(self.own.select(index), self.shared and self.shared.select(index), self.dimension)
+
+    def skip(self, dimensions: int) -> Sampler:
+        """Return the sampler that begins so many dimensions later."""
+        return Sampler(self.own, self.shared, self.dimension + dimensions)
+
+    def uniform(self, dimension: int = 0) -> Floats:
+        """Return (n,) float64 in [0, 1), each path its own."""
+        return self.own.uniform(self.dimension + dimension)
+
+    def uniform_pair(self, dimension: int = 0) -> Floats:
+        """Return (n, 2) float64 in [0, 1) x [0, 1), each path its own."""
+        return self.own.uniform_pair(self.dimension + dimension)
+
+
+def share_samples(samples: PixelSamples) -> SharedSamples | None:
+    """Return what the pixels of each set share; None where they share nothing."""
+    if samples.group is None or not len(samples):
+        return None
+    sample = np.broadcast_to(np.asarray(samples.sample, np.uint32), samples.pixel.shape)
+    first, sets = sample.min(), np.uint32(samples.group.max()) + 1
+    key = (sample - first) * sets + samples.group
+    count = int(key.max()) + 1
+    number, group = np.divmod(np.arange(count, dtype=np.uint32), sets)
+    return SharedSamples(key.astype(np.min_scalar_type(count)), PixelSamples(group, number + first, samples.seed))

@@ -1,0 +1,63 @@
+"""The camera, as Blender sets it up: perspective or orthographic, with a lens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from raytracer.arrays.checks import require_choice, require_range
+from raytracer.scene.fields import set_array, set_field, set_number
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Blender's camera: looks along its -z axis, y up.
+
+    world_from_camera : (4, 4) float64, rigid (scale is removed where the camera is extracted)
+    projection : 'perspective' or 'orthographic'
+    focal_length, sensor_width, sensor_height : millimetres; sensor_fit : 'auto', 'horizontal' or 'vertical'
+    ortho_scale : metres, the larger (or fitted) side of an orthographic view
+    shift_x, shift_y : Blender's lens shift, in units of the fitted side
+    clip_start, clip_end : metres along the view axis
+    pixel_aspect : width over height of a pixel (Blender's pixel_aspect_x / pixel_aspect_y)
+    aperture_radius : metres, of the lens that rays start from; 0 is a pinhole, all in focus
+    focus_distance : metres along the view axis, where all rays of a point of the picture meet
+    aperture_blades : corners of the aperture's polygon; fewer than 3 make a disk
+    aperture_rotation : radians, counter-clockwise as the camera sees; aperture_ratio : height over width
+    """
+
+    world_from_camera: Any
+    projection: str = "perspective"
+    focal_length: float = 50.0
+    sensor_width: float = 36.0
+    sensor_height: float = 24.0
+    sensor_fit: str = "auto"
+    ortho_scale: float = 6.0
+    shift_x: float = 0.0
+    shift_y: float = 0.0
+    clip_start: float = 0.0
+    clip_end: float = np.inf
+    pixel_aspect: float = 1.0
+    aperture_radius: float = 0.0
+    focus_distance: float = 10.0
+    aperture_blades: int = 0
+    aperture_rotation: float = 0.0
+    aperture_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        tiny = np.nextafter(0.0, 1.0)
+        set_array(self, "world_from_camera", np.float64, (4, 4), "Camera")
+        require_choice(self.projection, ("perspective", "orthographic"), "Camera: projection")
+        require_choice(self.sensor_fit, ("auto", "horizontal", "vertical"), "Camera: sensor_fit")
+        lens = ("focal_length", "sensor_width", "sensor_height", "ortho_scale", "pixel_aspect")
+        for name in (*lens, "focus_distance", "aperture_ratio"):
+            set_number(self, name, tiny, np.inf, "Camera")
+        for name in ("shift_x", "shift_y", "aperture_rotation"):
+            set_number(self, name, -np.inf, np.inf, "Camera")
+        for name in ("clip_start", "aperture_radius"):
+            set_number(self, name, 0.0, np.inf, "Camera")
+        require_range(set_array(self, "aperture_blades", np.int32, (), "Camera"), 0, np.inf, "Camera: aperture_blades")
+        set_field(self, "aperture_blades", int(self.aperture_blades))
+        require_range(np.asarray(self.clip_end), self.clip_start, np.inf, "Camera: clip_end")

@@ -1,0 +1,168 @@
+"""Lamps, in Blender's units: watts, and W/m^2 for the sun."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from raytracer.arrays.checks import require_choice
+from raytracer.scene.fields import (
+    ALL_SETS,
+    SEEN_BY,
+    SEEN_BY_ALL,
+    set_array,
+    set_color,
+    set_field,
+    set_number,
+    set_receivers,
+    set_seen_by,
+)
+from raytracer.scene.programs import Program, Register, check_register
+
+# What sees a lamp as Blender makes it; shadow rays have nothing to do with it.
+LAMP_SEEN_BY = SEEN_BY_ALL - SEEN_BY["camera"]
+
+
+@dataclass(frozen=True, eq=False)
+class PointLight:
+    """A sphere, or a point where radius is 0, that emits `power` watts (linear RGB) into all directions.
+
+    soft_falloff : Blender's option: a disk that faces the shaded point instead of a true sphere
+    seen_by : bits of SEEN_BY, the classes of rays that meet the lamp; light that a lamp sends to a surface is reflected
+        only in the ways in which it is seen. So for all lamps
+    shadow_catcher : True for a lamp that is part of what shadow catchers stand for: they know its light without the
+        other objects. So for all lamps
+    receivers : the sets of objects that it lights, as bits: 1 << light_set. So for all lamps
+    """
+
+    position: Any
+    power: Any
+    radius: float = 0.0
+    soft_falloff: bool = True
+    cast_shadow: bool = True
+    name: str = ""
+    seen_by: int = LAMP_SEEN_BY
+    shadow_catcher: bool = True
+    receivers: int = ALL_SETS
+
+    def __post_init__(self) -> None:
+        label = f"PointLight {self.name!r}"
+        set_array(self, "position", np.float64, (3,), label)
+        set_color(self, "power", label)
+        set_number(self, "radius", 0.0, np.inf, label)
+        set_seen_by(self, label)
+        set_receivers(self, label)
+
+
+@dataclass(frozen=True, eq=False)
+class SpotLight(PointLight):
+    """A point light limited to a cone.
+
+    world_from_light : (3, 3) float64, the light shines along its -z axis; columns keep the object's scale
+    spot_size : full opening angle, radians
+    spot_blend : 0 to 1, softness of the cone's border
+    """
+
+    world_from_light: Any = None
+    spot_size: float = np.pi / 4
+    spot_blend: float = 0.15
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        label = f"SpotLight {self.name!r}"
+        if self.world_from_light is None:
+            set_field(self, "world_from_light", np.eye(3))
+        matrix = set_array(self, "world_from_light", np.float64, (3, 3), label)
+        if not abs(np.linalg.det(matrix)) > 0:
+            raise ValueError(
+                f"{label}: world_from_light: expected a matrix that can be inverted, got {matrix.tolist()}"
+            )
+        set_number(self, "spot_size", 0.0, np.pi, label)
+        set_number(self, "spot_blend", 0.0, 1.0, label)
+
+
+@dataclass(frozen=True, eq=False)
+class SunLight:
+    """A light at infinity.
+
+    direction : (3,) float64, from the scene towards the sun, made unit length
+    strength : linear RGB irradiance on a plane that faces the sun, W/m^2
+    angle : angular diameter of the disc, radians; 0 is a point
+    """
+
+    direction: Any
+    strength: Any
+    angle: float = 0.0
+    cast_shadow: bool = True
+    name: str = ""
+    seen_by: int = LAMP_SEEN_BY
+    shadow_catcher: bool = True
+    receivers: int = ALL_SETS
+
+    def __post_init__(self) -> None:
+        label = f"SunLight {self.name!r}"
+        direction = set_array(self, "direction", np.float64, (3,), label)
+        length = np.linalg.norm(direction)
+        if length == 0:
+            raise ValueError(f"{label}: direction: expected a vector other than zero, got {direction.tolist()}")
+        set_field(self, "direction", direction / length)
+        set_color(self, "strength", label)
+        set_number(self, "angle", 0.0, np.pi, label)
+        set_seen_by(self, label)
+        set_receivers(self, label)
+
+
+@dataclass(frozen=True, eq=False)
+class AreaLight:
+    """A flat light that emits `power` watts from its front, the side its -z axis points to.
+
+    position : (3,) centre
+    axis_u, axis_v : (3,) float64, metres, the full width and height as vectors
+    shape : 'rectangle' or 'ellipse'
+    spread : full opening angle of the emission, radians; pi is Lambertian
+    """
+
+    position: Any
+    axis_u: Any
+    axis_v: Any
+    power: Any
+    shape: str = "rectangle"
+    spread: float = np.pi
+    cast_shadow: bool = True
+    name: str = ""
+    seen_by: int = LAMP_SEEN_BY
+    shadow_catcher: bool = True
+    receivers: int = ALL_SETS
+
+    def __post_init__(self) -> None:
+        label = f"AreaLight {self.name!r}"
+        for name in ("position", "axis_u", "axis_v"):
+            set_array(self, name, np.float64, (3,), label)
+        set_color(self, "power", label)
+        require_choice(self.shape, ("rectangle", "ellipse"), f"{label}: shape")
+        set_number(self, "spread", 0.0, np.pi, label)
+        set_seen_by(self, label)
+        set_receivers(self, label)
+
+
+Light = PointLight | SpotLight | SunLight | AreaLight
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Radiance from every direction that hits nothing.
+
+    color : linear RGB, or a Register of `program`
+    program : Program, evaluated over directions, or None where the color is constant
+    """
+
+    color: Any = 0.0
+    program: Program | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.color, Register):
+            check_register(self.color, self.program, "World: color")
+        else:
+            set_color(self, "color", "World")

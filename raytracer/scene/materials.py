@@ -1,0 +1,133 @@
+"""Materials: weighted closures whose parameters are constants, or registers of a program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from raytracer.arrays.checks import require_choice
+from raytracer.scene.fields import set_color, set_field, set_number
+from raytracer.scene.programs import Program, Register, check_register, make_value
+
+# The colours of a closure, its directions, and the range of each of its numbers.
+CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction")
+CLOSURE_VECTORS = ("normal", "coat_normal", "tangent")
+CLOSURE_RANGES = {
+    "weight": (0.0, np.inf),
+    "ior": (float(np.nextafter(0.0, 1.0)), np.inf),
+    **dict.fromkeys(("roughness", "metallic", "transmission", "specular", "alpha"), (0.0, 1.0)),
+    **dict.fromkeys(("diffuse_roughness", "coat_roughness", "sheen_roughness"), (0.0, 1.0)),
+    **dict.fromkeys(("coat_weight", "sheen_weight"), (0.0, np.inf)),
+    "coat_ior": (1.0, np.inf),
+    "anisotropy": (-1.0, 1.0),
+    "rotation": (-np.inf, np.inf),
+    **dict.fromkeys(("size", "smooth", "multiscatter", "simple_coat"), (0.0, 1.0)),
+}
+CLOSURE_KINDS = (
+    *("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission"),
+    *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon"),
+)
+DISTRIBUTIONS = ("ggx", "beckmann")
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """One scattering or emitting part of a material; each parameter is a constant or a Register of its program.
+
+    kind : one of CLOSURE_KINDS
+    weight : factor in the material's sum (Mix and Add Shader fold into it)
+    color : linear RGB; base colour of a principled closure, radiance scale of an emission, reflectance of a metal at
+        normal incidence, index of refraction of a conductor
+    roughness : Blender's roughness; alpha of facets is its square; 0 is a perfect mirror
+    extinction : imaginary part of a conductor's index of refraction
+    size, smooth : of toon, as shares of a right angle
+    distribution : of facets, one of DISTRIBUTIONS
+    multiscatter : share of the light lost between facets that is given back
+    simple_coat : 1 gives no light lost between a coat's facets back, and dims what is under it as a smooth one would
+    anisotropy, rotation : how far highlights are stretched along the tangent; which turns, in rounds
+    normal, coat_normal : world space, any length, on the side that the ray comes from; None = the surface's
+    tangent : world space, any length; None stretches nothing
+    The remaining fields are those of Blender's Principled BSDF node.
+    """
+
+    kind: str
+    color: Any = 0.8
+    weight: Any = 1.0
+    roughness: Any = 0.5
+    ior: Any = 1.5
+    metallic: Any = 0.0
+    transmission: Any = 0.0
+    specular: Any = 0.5
+    specular_tint: Any = 1.0
+    emission: Any = 0.0
+    alpha: Any = 1.0
+    diffuse_roughness: Any = 0.0
+    coat_weight: Any = 0.0
+    coat_roughness: Any = 0.03
+    coat_ior: Any = 1.5
+    coat_tint: Any = 1.0
+    sheen_weight: Any = 0.0
+    sheen_roughness: Any = 0.5
+    sheen_tint: Any = 1.0
+    anisotropy: Any = 0.0
+    rotation: Any = 0.0
+    multiscatter: Any = 1.0
+    extinction: Any = 0.0
+    simple_coat: Any = 0.0
+    size: Any = 0.5
+    smooth: Any = 0.0
+    distribution: str = "ggx"
+    normal: Any = None
+    coat_normal: Any = None
+    tangent: Any = None
+
+    def __post_init__(self) -> None:
+        label = f"Closure {self.kind!r}"
+        require_choice(self.kind, CLOSURE_KINDS, "Closure: kind")
+        require_choice(self.distribution, DISTRIBUTIONS, f"{label}: distribution")
+        computed = self.registers
+        for name in CLOSURE_COLORS:
+            if name not in computed:
+                set_color(self, name, label)
+        for name, (low, high) in CLOSURE_RANGES.items():
+            if name not in computed:
+                set_number(self, name, low, high, label)
+        for name in self.vectors:
+            set_field(self, name, make_value(getattr(self, name), f"{label}: {name}"))
+
+    @property
+    def registers(self) -> dict[str, Register]:
+        """The parameters that the material's program computes, by name."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, Register)}
+
+    @property
+    def vectors(self) -> dict[str, Any]:
+        """The directions that it has of its own, by name."""
+        return {name: getattr(self, name) for name in CLOSURE_VECTORS if getattr(self, name) is not None}
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A named sum of weighted closures; no closures at all is black.
+
+    program : computes the parameters that are Registers; None where all are constant
+    transparent_shadow : False stops light all the same where the surface is transparent
+    """
+
+    closures: Sequence[Closure] = ()
+    pass_index: int = 0
+    name: str = ""
+    program: Program | None = None
+    transparent_shadow: bool = True
+
+    def __post_init__(self) -> None:
+        set_field(self, "closures", tuple(self.closures))
+        for closure in self.closures:
+            for name, register in closure.registers.items():
+                check_register(register, self.program, f"Material {self.name!r}: {closure.kind}: {name}")
+
+
+DEFAULT_MATERIAL = Material((Closure("diffuse", color=0.8),), name="default")

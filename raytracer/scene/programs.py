@@ -1,0 +1,121 @@
+"""Shader node graphs as plain data: programs of steps, and the images they read.
+
+A program is a node graph after extraction: its nodes in an order in which each follows what it reads, groups inlined,
+constants folded, dead branches dropped. A step names an operation of `nodes.OPERATIONS`; its inputs are constants or
+registers, the outputs of earlier steps. Nothing here computes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from raytracer.arrays.checks import require_choice, require_finite
+
+# How an image's stored numbers become scene linear ones: as they are, or by the curve of sRGB.
+ENCODINGS = ("linear", "srgb")
+
+
+@dataclass(frozen=True)
+class Register:
+    """The output, by its socket's identifier, of the step with a number."""
+
+    step: int
+    output: str
+
+
+Value = float | np.ndarray | Register
+
+
+def make_value(value: Any, label: str) -> Value:
+    """Return a constant as float or read-only (3,) float64, a register as it is.
+
+    Raises
+    ------
+    ValueError
+        If the value is neither.
+    """
+    if isinstance(value, Register):
+        return value
+    if np.ndim(value) == 0:
+        require_finite(np.asarray(value, dtype=np.float64), label)
+        return float(value)
+    array = np.array(value, dtype=np.float64)
+    if array.shape != (3,):
+        raise ValueError(f"{label}: expected a number, three numbers or a Register, got shape {array.shape}")
+    require_finite(array, label)
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """Pixels of an image texture, row 0 at the bottom.
+
+    pixels : (h, w, 4) uint8 (255 is 1) or float32, as they are interpolated: alpha premultiplied where it shall be
+    encoding : one of ENCODINGS, undone after interpolation
+    """
+
+    pixels: Any
+    encoding: str = "linear"
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        label = f"Image {self.name!r}"
+        pixels = np.asarray(self.pixels)
+        if pixels.ndim != 3 or pixels.shape[2] != 4 or 0 in pixels.shape or pixels.dtype not in (np.uint8, np.float32):
+            raise ValueError(f"{label}: pixels: expected (h, w, 4) uint8 or float32, got {pixels.shape} {pixels.dtype}")
+        require_choice(self.encoding, ENCODINGS, f"{label}: encoding")
+        pixels = np.ascontiguousarray(pixels).view()
+        pixels.flags.writeable = False
+        object.__setattr__(self, "pixels", pixels)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One computation.
+
+    operation : a key of `nodes.OPERATIONS`
+    inputs : constants or Registers, in the operation's order
+    settings : what is fixed, by name: text, numbers, arrays, an Image, or a Program that the step runs itself
+    """
+
+    operation: str
+    inputs: Sequence[Value] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        label = f"Step {self.operation!r}: inputs"
+        object.__setattr__(self, "inputs", tuple(make_value(value, label) for value in self.inputs))
+        object.__setattr__(self, "settings", dict(self.settings))
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Steps, each after those whose registers it reads.
+
+    result : what a program that a step runs gives it; None for a material's, whose closures name their registers
+    """
+
+    steps: Sequence[Step] = ()
+    result: Value | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "steps", tuple(self.steps))
+        for number, step in enumerate(self.steps):
+            for value in step.inputs:
+                if isinstance(value, Register) and not 0 <= value.step < number:
+                    raise ValueError(
+                        f"Program: step {number} ({step.operation}): expected registers of steps before it, got {value}"
+                    )
+        check_register(self.result, self, "Program: result")
+
+
+def check_register(value: Any, program: Program | None, label: str) -> None:
+    """Raise ValueError if `value` is a Register of a step that `program` does not have."""
+    count = len(program.steps) if program is not None else 0
+    if isinstance(value, Register) and not 0 <= value.step < count:
+        raise ValueError(f"{label}: expected a register of one of the {count} steps of the program, got {value}")

@@ -1,0 +1,74 @@
+"""The scene: frozen records of arrays, checked when they are made; `scene_file` saves and loads them.
+
+World space is Blender's: metres, right-handed, z up. Radiometry is linear RGB in the renderer's working space.
+A record that a scene lacks is None or an empty tuple; what the content needs is derived from it (`features.py`).
+Its parts stand beside this file: shapes, camera, lights and world, materials, programs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from raytracer.scene.camera import Camera
+from raytracer.scene.fields import set_field
+from raytracer.scene.lights import Light, World
+from raytracer.scene.materials import DEFAULT_MATERIAL, Material
+from raytracer.scene.shapes import Instances, Mesh, Spheres
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything a render needs.
+
+    meshes : Mesh records; each stands in the world as it is where `instances` is None
+    spheres : Spheres, or a sequence of Spheres
+    instances : Instances of the meshes, or None
+    materials : Material records; empty = one grey diffuse material for all
+    lights : light records
+    world : World, or None for black
+    camera : Camera, or None (a scene without a camera can be cast into, but not rendered)
+    """
+
+    meshes: Sequence[Mesh] = ()
+    spheres: Any = ()
+    instances: Instances | None = None
+    materials: Sequence[Material] = ()
+    lights: Sequence[Light] = ()
+    world: World | None = None
+    camera: Camera | None = None
+    name: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        for name, kind in (("meshes", Mesh), ("spheres", Spheres), ("materials", Material), ("lights", Light)):
+            value = getattr(self, name)
+            records = (value,) if isinstance(value, kind) else tuple(value or ())
+            for record in records:
+                if not isinstance(record, kind):
+                    wanted = getattr(kind, "__name__", "light")
+                    raise ValueError(f"Scene: {name}: expected {wanted} records, got {type(record).__name__}")
+            set_field(self, name, records)
+        if not self.materials:
+            set_field(self, "materials", (DEFAULT_MATERIAL,))
+        if self.instances is not None and len(self.instances):
+            low, high = int(self.instances.mesh.min()), int(self.instances.mesh.max())
+            if low < 0 or high >= len(self.meshes):
+                raise ValueError(
+                    f"Scene: instances: mesh: expected indices from 0 to {len(self.meshes) - 1}, "
+                    f"got {low if low < 0 else high}"
+                )
+        for record in (*self.meshes, *self.spheres):
+            highest = int(np.max(record.material, initial=0))
+            if highest >= len(self.materials):
+                raise ValueError(
+                    f"{type(record).__name__} {record.name!r}: material: expected indices below the scene's "
+                    f"{len(self.materials)} materials, got {highest}"
+                )
+
+    @property
+    def instance_count(self) -> int:
+        """Number of mesh instances; groups of spheres are numbered after them in `Hits.instance`."""
+        return len(self.meshes) if self.instances is None else len(self.instances)

@@ -1,0 +1,167 @@
+"""Shapes: meshes of triangles, groups of spheres, and instances of meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.checks import as_array, require_finite, require_range
+from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL, SET_COUNT, set_array, set_field, set_receivers, set_seen_by
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles in object space.
+
+    positions : (v, 3) float64, metres
+    triangles : (t, 3) int32, vertex indices of the corners, counter-clockwise seen from the front
+    normals : (v, 3) per vertex or (t, 3, 3) per corner, float64; None = flat
+    uvs : (v, 2) per vertex or (t, 3, 2) per corner, float64; None = none
+    material : int, or (t,) int32, index into the scene's materials
+    attributes : by name, (v, k) per vertex or (t, 3, k) per corner, float64, for the programs of materials; k = 1
+        number, 2 as uvs, 3 vector, 4 color with alpha. "generated" holds Blender's Generated coordinates
+    """
+
+    positions: Any
+    triangles: Any
+    normals: Any = None
+    uvs: Any = None
+    material: Any = 0
+    name: str = ""
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        label = f"Mesh {self.name!r}" if self.name else "Mesh"
+        positions = set_array(self, "positions", np.float64, ("v", 3), label)
+        triangles = set_array(self, "triangles", np.int32, ("t", 3), label)
+        if triangles.size and (triangles.min() < 0 or triangles.max() >= len(positions)):
+            wrong = int(np.argmax(((triangles < 0) | (triangles >= len(positions))).any(axis=1)))
+            raise ValueError(
+                f"{label}: triangles: expected vertex indices from 0 to {len(positions) - 1}, "
+                f"got {triangles[wrong].tolist()} at row {wrong}"
+            )
+        for name, width in (("normals", 3), ("uvs", 2)):
+            if getattr(self, name) is not None:
+                per_corner = np.ndim(getattr(self, name)) == 3
+                shape = (len(triangles), 3, width) if per_corner else (len(positions), width)
+                set_array(self, name, np.float64, shape, label)
+        set_field(self, "attributes", {name: self._check_attribute(name, label) for name in self.attributes})
+        _set_material(self, len(triangles), label)
+
+    def _check_attribute(self, name: str, label: str) -> NDArray[Any]:
+        value = np.asarray(self.attributes[name])
+        rows = (len(self.triangles), 3) if value.ndim == 3 else (len(self.positions),)
+        array = as_array(value, np.float64, (*rows, "k"), f"{label}: attribute {name!r}")
+        require_range(np.asarray(array.shape[-1]), 1, 4, f"{label}: attribute {name!r}: width")
+        require_finite(array, f"{label}: attribute {name!r}")
+        return array
+
+
+def _set_material(record: Any, count: int, label: str) -> None:
+    """Material indices are one int for all primitives, or one per primitive."""
+    if np.ndim(record.material) == 0:
+        lowest = int(set_array(record, "material", np.int32, (), label))
+        set_field(record, "material", lowest)
+    else:
+        lowest = int(set_array(record, "material", np.int32, (count,), label).min(initial=0))
+    if lowest < 0:
+        raise ValueError(f"{label}: material: expected indices of 0 or more, got {lowest}")
+
+
+@dataclass(frozen=True, eq=False)
+class Spheres:
+    """True spheres in world space (a Blender point cloud is one such group).
+
+    centres : (s, 3) float64, metres
+    radii : (s,) float64, metres, positive
+    material : int, or (s,) int32, index into the scene's materials
+    pass_index : int, the Object Index pass
+    holdout : bool, True punches a hole into the image's alpha
+    seen_by : bits of SEEN_BY, the classes of rays that see them
+    shadow_catcher, light_set, receivers : bool, int, int, as in Instances
+    """
+
+    centres: Any
+    radii: Any
+    material: Any = 0
+    pass_index: int = 0
+    holdout: bool = False
+    name: str = ""
+    seen_by: int = SEEN_BY_ALL
+    shadow_catcher: bool = False
+    light_set: int = 0
+    receivers: int = ALL_SETS
+
+    def __post_init__(self) -> None:
+        label = f"Spheres {self.name!r}" if self.name else "Spheres"
+        centres = set_array(self, "centres", np.float64, ("s", 3), label)
+        radii = set_array(self, "radii", np.float64, (len(centres),), label)
+        require_range(radii, np.nextafter(0.0, 1.0), np.inf, f"{label}: radii")
+        _set_material(self, len(centres), label)
+        set_seen_by(self, label)
+        set_receivers(self, label)
+        require_range(set_array(self, "light_set", np.int32, (), label), 0, SET_COUNT - 1, f"{label}: light_set")
+        set_field(self, "light_set", int(self.light_set))
+
+
+@dataclass(frozen=True, eq=False)
+class Instances:
+    """Placements of meshes; the true triangle of an instance is its world-space float64 triangle.
+
+    mesh : (i,) int32, index into the scene's meshes
+    world_from_object : (i, 4, 4) float64, affine, last row (0, 0, 0, 1); may mirror and shear
+    pass_index : (i,) int32, the Object Index pass
+    holdout : (i,) bool, True punches a hole into the image's alpha
+    seen_by : (i,) int32, bits of SEEN_BY, the classes of rays that see it; None = all
+    shadow_catcher : (i,) bool, True for what stands for a surface of the footage behind the picture: the camera sees of
+        it only how the other objects change its light
+    light_set : (i,) int32, the set of objects it belongs to, 0 to 62, that lamps and what shines may light or not;
+        None = 0
+    receivers : (i,) int64, the sets that it lights where it shines, as bits: 1 << light_set; None = all
+    random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
+    """
+
+    mesh: Any
+    world_from_object: Any
+    pass_index: Any = None
+    holdout: Any = None
+    random: Any = None
+    color: Any = None
+    seen_by: Any = None
+    shadow_catcher: Any = None
+    light_set: Any = None
+    receivers: Any = None
+
+    def __post_init__(self) -> None:
+        count = len(set_array(self, "mesh", np.int32, ("i",), "Instances"))
+        matrices = set_array(self, "world_from_object", np.float64, (count, 4, 4), "Instances")
+        affine = (matrices[:, 3] == (0.0, 0.0, 0.0, 1.0)).all(axis=1)
+        if not affine.all():
+            row = int(np.argmin(affine))
+            raise ValueError(
+                "Instances: world_from_object: expected (0, 0, 0, 1) as the last row of each matrix, "
+                f"got {matrices[row, 3].tolist()} at row {row}"
+            )
+        properties = {"pass_index": np.int32, "holdout": np.bool_, "shadow_catcher": np.bool_, "light_set": np.int32}
+        for name, dtype in properties.items():
+            if getattr(self, name) is None:
+                set_field(self, name, np.zeros(count, dtype=dtype))
+            set_array(self, name, dtype, (count,), "Instances")
+        for name, shape in (("random", (count,)), ("color", (count, 4))):
+            if getattr(self, name) is not None:
+                set_array(self, name, np.float64, shape, "Instances")
+        if self.seen_by is not None:
+            mask = set_array(self, "seen_by", np.int32, (count,), "Instances")
+            require_range(mask, 0, SEEN_BY_ALL, "Instances: seen_by")
+        require_range(self.light_set, 0, SET_COUNT - 1, "Instances: light_set")
+        if self.receivers is None:
+            set_field(self, "receivers", np.full(count, ALL_SETS, dtype=np.int64))
+        receivers = set_array(self, "receivers", np.int64, (count,), "Instances")
+        require_range(receivers, 0, ALL_SETS, "Instances: receivers")
+
+    def __len__(self) -> int:
+        return len(self.mesh)

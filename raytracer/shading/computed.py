@@ -1,0 +1,119 @@
+"""Parameters of closures that programs compute: which, for which materials, and their values at points.
+
+A material without computed parameters is not in here, and a scene without any has no ComputedMaterials at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.types import Floats
+from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_RANGES, CLOSURE_VECTORS, Closure
+from raytracer.scene.programs import Program, Register, Value
+from raytracer.scene.scene import Scene
+from raytracer.shading.evaluate import evaluate, find_needed, list_attributes
+from raytracer.shading.site import LightPath, Site, measure_footprint
+from raytracer.shading.site_tables import SiteTables
+from raytracer.surfaces.surface import Surface
+
+# What each kind of closure shines with and lets through depends on; `materials` sums it.
+RADIANCE_FIELDS = {"principled": ("weight", "alpha", "emission"), "emission": ("weight", "color")}
+TRANSPARENCY_FIELDS = {"principled": ("weight", "alpha"), "transparent": ("weight", "color")}
+
+Slot = tuple[int, str]
+Columns = dict[Slot, Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """How some parameters of one material are computed.
+
+    values : the register, or the constant direction, of a field of a closure, by (slot, field)
+    needed : the program's steps for them
+    """
+
+    program: Program
+    values: dict[Slot, Value]
+    needed: tuple[int, ...]
+
+
+Recipes = dict[int, Recipe]
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedMaterials:
+    """The recipes of a scene's materials, by number: for everything, and for what shines and what passes alone."""
+
+    tables: SiteTables
+    everything: Recipes
+    radiance: Recipes
+    transparency: Recipes
+
+
+def list_scene_attributes(scene: Scene) -> set[str]:
+    """Return the names of the mesh attributes that the programs of a scene read."""
+    programs = [material.program for material in scene.materials if material.program is not None]
+    return {name for program in programs for name in list_attributes(program)}
+
+
+def make_computed_materials(kept: list[list[Closure]], scene: Scene, tables: SiteTables) -> ComputedMaterials:
+    """Return the recipes for the closures `kept` of each material, in their slots."""
+    programs = [material.program or Program() for material in scene.materials]
+    return ComputedMaterials(
+        tables=tables,
+        everything=_make_recipes(kept, programs, None),
+        radiance=_make_recipes(kept, programs, RADIANCE_FIELDS),
+        transparency=_make_recipes(kept, programs, TRANSPARENCY_FIELDS),
+    )
+
+
+def _make_recipes(
+    kept: list[list[Closure]], programs: list[Program], fields: Mapping[str, tuple[str, ...]] | None
+) -> Recipes:
+    recipes = {}
+    for material, closures in enumerate(kept):
+        values: dict[Slot, Value] = {}
+        for slot, closure in enumerate(closures):
+            computed = {**closure.registers, **closure.vectors}
+            wanted = computed if fields is None else fields.get(closure.kind, ())
+            values |= {(slot, name): value for name, value in computed.items() if name in wanted}
+        if values:
+            program = programs[material]
+            recipes[material] = Recipe(program, values, find_needed(program, values.values()))
+    return recipes
+
+
+def compute_columns(computed: ComputedMaterials, recipes: Recipes, surface: Surface, path: LightPath | None) -> Columns:
+    """Return what the recipes make at n points: by (slot, field) arrays of n rows, NaN at points whose material does
+    not compute that field."""
+    present = np.flatnonzero(np.bincount(surface.material, minlength=1))
+    columns: Columns = {}
+    for material in present.tolist():
+        recipe = recipes.get(material)
+        if recipe is None:
+            continue
+        points = np.flatnonzero(surface.material == material)
+        outputs = evaluate(recipe.program, _make_site(computed, surface, path, points), recipe.needed)
+        for slot, value in recipe.values.items():
+            width = (3,) if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else ()
+            column = columns.setdefault(slot, np.full((len(surface), *width), np.nan))
+            column[points] = limit(slot[1], outputs[value] if isinstance(value, Register) else value)
+    return columns
+
+
+def _make_site(computed: ComputedMaterials, surface: Surface, path: LightPath | None, points: NDArray[np.intp]) -> Site:
+    chosen, surface = None if path is None else path.select(points), surface.select(points)
+    return Site(surface, computed.tables, chosen, measure_footprint(computed.tables, surface, chosen))
+
+
+def limit(name: str, values: object) -> Floats:
+    """Return a field's values cut to its range, as Cycles cuts them; what is not finite becomes 0."""
+    found = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    if name in CLOSURE_VECTORS:
+        return found
+    low, high = CLOSURE_RANGES.get(name, (0.0, np.inf))
+    return np.clip(found, low, high)

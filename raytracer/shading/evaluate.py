@@ -1,0 +1,136 @@
+"""Shader nodes: programs evaluated over arrays of points.
+
+To add a node, write one function on arrays in the module of its kind,
+
+    def apply_gamma(color, gamma):                       # (n, 3) or (3,), and (n,) or ()
+        return color ** spread(gamma)
+
+and give it one row in that module's table, under the type that Blender gives the node:
+
+    "GAMMA": Operation(apply_gamma, inputs=("Color", "Gamma"), outputs=("Color",)),
+
+The add-on finds the row by itself: it reads the sockets and properties that the row names. A node whose outputs are
+independent of each other (Geometry, Texture Coordinate) has a row for each of them, "TYPE Output", so that what nobody
+reads is not computed. What a function reads of the point it takes from the site (`reads_site=True`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from raytracer.scene.programs import Program, Register, Step, Value
+from raytracer.shading.nodes import (
+    arithmetic,
+    blackbody,
+    color,
+    environments,
+    images,
+    inputs,
+    mapping,
+    normals,
+    patterns,
+    ramps,
+)
+from raytracer.shading.nodes.operation import Array, Operation
+from raytracer.shading.site import Site
+
+OPERATIONS: dict[str, Operation] = {
+    **arithmetic.OPERATIONS,
+    **blackbody.OPERATIONS,
+    **color.OPERATIONS,
+    **environments.OPERATIONS,
+    **images.OPERATIONS,
+    **inputs.OPERATIONS,
+    **mapping.OPERATIONS,
+    **normals.OPERATIONS,
+    **patterns.OPERATIONS,
+    **ramps.OPERATIONS,
+}
+
+Outputs = dict[Register, Any]
+
+
+def run_step(step: Step, site: Site | None, read: Any) -> tuple[Any, ...]:
+    """Return a step's outputs; `read` turns its inputs into arrays. The site may be None for pure operations."""
+    operation = OPERATIONS[step.operation]
+    arguments = [read(value) for value in step.inputs]
+    if operation.reads_site:
+        arguments.insert(0, site)
+    settings = {**step.settings, "evaluate": evaluate_result} if operation.runs_programs else step.settings
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore", under="ignore"):
+        found = operation.compute(*arguments, **settings)
+    return found if isinstance(found, tuple) else (found,)
+
+
+def fold_step(step: Step) -> dict[str, Value] | None:
+    """Return the outputs of a step whose inputs are all constant, as constants; None for others."""
+    operation = OPERATIONS[step.operation]
+    if operation.reads_site or any(isinstance(value, Register) for value in step.inputs):
+        return None
+    found = run_step(step, None, np.asarray)
+    return {name: make_constant(value) for name, value in zip(operation.outputs, found, strict=True)}
+
+
+def make_constant(value: Any) -> Value:
+    """Return a number or color as a program's constant; what is not finite becomes 0, as far as float32 goes."""
+    array = np.nan_to_num(np.asarray(value, dtype=np.float64), posinf=LARGEST, neginf=-LARGEST)
+    return float(array) if array.ndim == 0 else array
+
+
+LARGEST = float(np.finfo(np.float32).max)
+
+
+def find_needed(program: Program, wanted: Iterable[Any]) -> tuple[int, ...]:
+    """Return the numbers of the steps that registers in `wanted` depend on, in order."""
+    needed = {value.step for value in wanted if isinstance(value, Register)}
+    for number in range(len(program.steps) - 1, -1, -1):
+        if number in needed:
+            needed.update(value.step for value in program.steps[number].inputs if isinstance(value, Register))
+    return tuple(sorted(needed))
+
+
+def evaluate(program: Program, site: Site, needed: tuple[int, ...]) -> Outputs:
+    """Run the steps `needed` (of `find_needed`) at a site; return all their outputs, () or (n,), (3,) or (n, 3)."""
+    outputs: Outputs = {}
+
+    def read(value: Value) -> Array:
+        return outputs[value] if isinstance(value, Register) else np.asarray(value)
+
+    for number in needed:
+        step = program.steps[number]
+        for name, found in zip(OPERATIONS[step.operation].outputs, run_step(step, site, read), strict=True):
+            outputs[Register(number, name)] = np.asarray(found, dtype=np.float64)
+    return outputs
+
+
+def evaluate_result(program: Program, site: Site) -> Array:
+    """Return the result of a program that a step runs, () or (n,)."""
+    outputs = evaluate(program, site, find_needed(program, [program.result]))
+    return outputs[program.result] if isinstance(program.result, Register) else np.asarray(program.result)
+
+
+def list_steps(program: Program) -> Iterator[Step]:
+    """Yield all steps, those of inner programs included."""
+    for step in program.steps:
+        yield step
+        for value in step.settings.values():
+            if isinstance(value, Program):
+                yield from list_steps(value)
+
+
+def list_attributes(program: Program) -> set[str]:
+    """Return the names of the mesh attributes that a program reads; see `sites.make_site_tables`."""
+    return {name for step in list_steps(program) for name in OPERATIONS[step.operation].attributes(step.settings)}
+
+
+def casts_rays(program: Program | None) -> bool:
+    """True where a program casts rays from the points where it is evaluated."""
+    return program is not None and any(step.operation == "AMBIENT_OCCLUSION" for step in list_steps(program))
+
+
+def reads_light_path(program: Program | None) -> bool:
+    """True where a program asks how the ray came to the point."""
+    return program is not None and any(step.operation.startswith("LIGHT_PATH") for step in list_steps(program))

@@ -1,0 +1,46 @@
+"""Blackbody: the colour of a body that glows at a temperature, of luminance 1.
+
+References
+----------
+M. Planck, "Ueber das Gesetz der Energieverteilung im Normalspectrum", 1901; CIE 1931 standard colorimetric observer;
+IEC 61966-2-1 (the primaries of Rec. 709 and its white).
+Blender, intern/cycles/kernel/svm/math_util.h: that colors are constant beyond the ends of its fit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from raytracer.shading.nodes.operation import Array, Operation
+from raytracer.textures.sky_spectra import COLOR_MATCHING
+
+# Metres: of the rows of COLOR_MATCHING.
+WAVELENGTHS = 1e-9 * np.linspace(380.0, 780.0, len(COLOR_MATCHING))
+# h c / k, metres kelvin (exact in the SI of 2019, to the digits given).
+SECOND_RADIATION_CONSTANT = 1.438776877e-2
+# Cycles' colours change from the first to the second, kelvin.
+COLDEST, HOTTEST = 800.0, 12000.0
+RGB_FROM_XYZ = np.array(
+    [
+        (3.2404542, -1.5371385, -0.4985314),
+        (-0.9692660, 1.8760108, 0.0415560),
+        (0.0556434, -0.2040259, 1.0572252),
+    ]
+)
+
+
+def find_blackbody_color(temperature: Any) -> Array:
+    """Return linear RGB (..., 3) of temperatures (...), of luminance 1 before what is negative is cut.
+
+    Planck's law, B ~ 1 / (w^5 (exp(c2 / (w T)) - 1)) at wavelengths w, seen by the standard observer.
+    """
+    kelvin = np.clip(np.asarray(temperature, np.float64), COLDEST, HOTTEST)[..., np.newaxis]
+    radiance = WAVELENGTHS**-5 / np.expm1(SECOND_RADIATION_CONSTANT / (WAVELENGTHS * kelvin))
+    x, y, z = np.moveaxis(radiance @ COLOR_MATCHING, -1, 0)
+    relative = np.stack([x / y, np.ones_like(y), z / y], axis=-1)
+    return np.maximum(relative @ RGB_FROM_XYZ.T, 0.0)
+
+
+OPERATIONS = {"BLACKBODY": Operation(find_blackbody_color, ("Temperature",), ("Color",))}

@@ -1,0 +1,106 @@
+"""Environment Texture and Sky Texture: pictures of all directions.
+
+References
+----------
+Blender, intern/cycles/kernel/camera/projection.h: the mirror ball; kernel/svm/sky.h: the sun in the sky.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from raytracer.arrays.vectors import normalize
+from raytracer.lecture import length
+from raytracer.sampling.direction_map import find_equirectangular
+from raytracer.scene.programs import Image
+from raytracer.shading.nodes.images import MAGENTA
+from raytracer.shading.nodes.operation import Array, Operation, spread
+from raytracer.shading.site import Site
+from raytracer.textures.image import sample_image
+from raytracer.textures.sky import fade_below
+
+
+def find_mirror_ball(directions: Array) -> tuple[Array, Array]:
+    """Where a ball that mirrors shows directions (n, 3) to one who looks along +y: its normal is half way to -y."""
+    x, y, z = directions.T
+    length = 2.0 * np.sqrt(np.maximum(0.5 * (1.0 - y), 0.0))
+    length = np.where(length > 0, length, 1.0)
+    return 0.5 * (x / length + 1.0), 0.5 * (z / length + 1.0)
+
+
+PROJECTIONS = {"EQUIRECTANGULAR": find_equirectangular, "MIRROR_BALL": find_mirror_ball}
+
+
+def read_environment(site: Site, vector: Any, *, image: Image | None, interpolation: str, projection: str) -> Array:
+    """The color of an image in the direction of `vector`; None is a missing one."""
+    if image is None:
+        return MAGENTA[:3]
+    directions = normalize(np.broadcast_to(np.asarray(vector, float), (len(site), 3)))
+    u, v = PROJECTIONS[projection](directions)
+    return sample_image(image, np.stack([u, v], axis=1), interpolation, "REPEAT")[:, :3]
+
+
+LIMB_DARKENING = 0.6
+
+
+def read_sky(
+    site: Site,
+    vector: Any,
+    *,
+    image: Image,
+    elevation: float,
+    rotation: float,
+    sun_size: float,
+    sun_bottom: Array,
+    sun_top: Array,
+    horizon: float,
+    ground: bool,
+) -> Array:
+    """A clear sky, tabulated in `image`, with the sun's disc; colors that no mixture of red, green and blue is are cut.
+
+    elevation, rotation, sun_size : radians, of the sun; size 0 has no disc
+    sun_bottom, sun_top : colors of the disc's lowest and highest points; horizon : radians, below it the disc is hidden
+    ground : True where the table holds what lies below the horizon, and the sun shines through the sky, as since
+        Blender 5.0; False fades what is below, and shows the sun instead of the sky, which the horizon cuts
+    """
+    directions = np.broadcast_to(np.asarray(vector, float), (len(site), 3))
+    z = np.clip(directions[:, 2], -1.0, 1.0)
+    height = np.pi / 2 - np.arccos(z)
+    u = (rotation - np.pi / 2 - np.arctan2(directions[:, 1], directions[:, 0])) / (2.0 * np.pi) % 1.0
+    level = np.copysign(np.sqrt(np.abs(height) / (np.pi / 2)), height)
+    shown = sample_image(image, np.stack([u, 0.5 + 0.5 * level], axis=1), "Linear", "EXTEND")[:, :3]
+    if not ground:
+        shown *= spread(fade_below(z))
+    if sun_size > 0:
+        across = np.cos(elevation)
+        sun = np.array([-across * np.sin(rotation), across * np.cos(rotation), np.sin(elevation)])
+        away = 2.0 * np.arctan2(length(directions - sun), length(directions + sun)) / (sun_size / 2)
+        disc = (away < 1.0) & (height > horizon if ground else z >= 0)
+        lowest = elevation - sun_size / 2 if ground else max(elevation - sun_size / 2, 0.0)
+        part = spread((height - lowest) / (elevation + sun_size / 2 - lowest))
+        limb = 1.0 - LIMB_DARKENING * (1.0 - np.sqrt(1.0 - np.where(disc, away, 0.0) ** 2))
+        disc_light = (sun_bottom + part * (np.asarray(sun_top) - sun_bottom)) * spread(limb)
+        shown = np.where(spread(disc), disc_light + (shown if ground else 0.0), shown)
+    return np.maximum(shown, 0.0)
+
+
+OPERATIONS = {
+    "TEX_SKY": Operation(
+        read_sky,
+        ("Vector",),
+        ("Color",),
+        ("image", "elevation", "rotation", "sun_size", "sun_bottom", "sun_top", "horizon", "ground"),
+        reads_site=True,
+        links={"Vector": "ATTRIBUTE Vector generated"},
+    ),
+    "TEX_ENVIRONMENT": Operation(
+        read_environment,
+        ("Vector",),
+        ("Color",),
+        ("image", "interpolation", "projection"),
+        reads_site=True,
+        links={"Vector": "NEW_GEOMETRY Position"},
+    ),
+}

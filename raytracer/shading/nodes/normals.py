@@ -1,0 +1,157 @@
+"""Normals that textures bend: Normal Map and Bump; and Tangent.
+
+References
+----------
+M. S. Mikkelsen, "Bump Mapping Unparametrized Surfaces on the GPU", 2010.
+Blender, intern/cycles/kernel/svm/tex_coord.h (svm_node_normal_map, svm_node_tangent), displace.h (svm_node_set_bump).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from raytracer.arrays.vectors import normalize
+from raytracer.lecture import cross, dot
+from raytracer.scene.programs import Program
+from raytracer.shading.nodes.operation import Array, Operation, mix, saturate, spread
+from raytracer.shading.site import Site
+
+
+def map_normal(site: Site, strength: Any, color: Any, *, space: str, name: str, invert_green: bool) -> Array:
+    """The normal whose components in tangent, object or world space a color holds, as (n + 1) / 2."""
+    count = len(site)
+    local = np.broadcast_to(2.0 * np.asarray(color, float) - 1.0, (count, 3)).copy()
+    strength = np.broadcast_to(np.asarray(strength, float), (count,))
+    if invert_green:
+        local[:, 1] *= -1.0
+    if space == "TANGENT":
+        found = _from_tangent_space(site, local, strength, name)
+    else:
+        if space.startswith("BLENDER"):
+            local[:, 1:] *= -1.0
+        found = site.normal_to_world(local) if space.endswith("OBJECT") else normalize(local)
+        found = np.where(site.front[:, np.newaxis], found, -found)
+        full = np.maximum(strength, 0.0)[:, np.newaxis]
+        found = np.where(full != 1.0, normalize(mix(site.normal, found, full)), found)
+    usable = np.isfinite(found).all(axis=1) & (found != 0).any(axis=1)
+    return np.where(usable[:, np.newaxis], found, site.normal)
+
+
+def _from_tangent_space(site: Site, local: Array, strength: Array, name: str) -> Array:
+    """x along the direction in which u grows, y along v, z along the normal, all in object space."""
+    tangent, sign = site.read_tangent(name)
+    normal = np.where(site.is_smooth[:, np.newaxis], site.read_object_normal(), site.flat_object_normal())
+    scaled = local * spread(strength)
+    height = mix(1.0, local[:, 2:], spread(saturate(strength)))
+    bitangent = spread(sign) * cross(normal, tangent)
+    found = site.normal_to_world(normalize(scaled[:, 0:1] * tangent + scaled[:, 1:2] * bitangent + height * normal))
+    found = np.where(site.front[:, np.newaxis], found, -found)
+    return np.where(spread(sign) != 0, found, site.normal)
+
+
+def bump(
+    site: Site,
+    strength: Any,
+    distance: Any,
+    filter_width: Any,
+    normal: Any,
+    *,
+    height: Program,
+    invert: bool,
+    evaluate: Callable[[Program, Site], Array],
+) -> Array:
+    """The normal of the surface raised by distance times the height, to first order (Mikkelsen).
+
+    The height's slope is a difference over `filter_width` pixels along two directions in the flat surface; it is a
+    program, which `evaluate` runs at three places.
+    """
+    count = len(site)
+    along, across = _pixel_axes(site)
+    width = spread(np.broadcast_to(np.asarray(filter_width, float), (count,)))
+    centre, right, up = (
+        np.broadcast_to(evaluate(height, place), (count,))
+        for place in (site, site.shift(along * width), site.shift(across * width))
+    )
+    normal = np.broadcast_to(np.asarray(normal, float), (count, 3))
+    over_x, over_y = cross(across, normal), cross(normal, along)
+    determinant = spread(dot(along, over_x))
+    slope = spread(right - centre) * over_x + spread(up - centre) * over_y
+    reach = spread(np.broadcast_to(np.asarray(distance, float), (count,))) * (-1.0 if invert else 1.0)
+    raised = normalize(width * np.abs(determinant) * normal - reach * np.sign(determinant) * slope)
+    share = spread(np.maximum(np.broadcast_to(np.asarray(strength, float), (count,)), 0.0))
+    blended = normalize(share * raised + (1.0 - share) * normal)
+    return np.where((raised != 0).any(axis=1, keepdims=True), blended, normal)
+
+
+def _pixel_axes(site: Site) -> tuple[Array, Array]:
+    """Two vectors (n, 3) of a pixel's size at right angles in the flat surface, those of Cycles (make_orthonormals)."""
+    x, y, z = site.geometric_normal.T
+    even = (x == y) & (x == z)
+    first = np.stack([z - y, np.where(even, x + z, x - z), np.where(even, -y - x, y - x)], axis=1)
+    first = normalize(first)
+    size = site.footprint[:, np.newaxis]
+    return size * first, size * cross(site.geometric_normal, first)
+
+
+def read_tangent_of_map(site: Site, *, name: str) -> Array:
+    """The direction in which u grows, in the surface."""
+    tangent, sign = site.read_tangent(name)
+    found = _lay_down(site, site.normal_to_world(tangent))
+    return np.where(spread(sign) != 0, found, 0.0)
+
+
+AROUND = {"X": (0, 2, 1), "Y": (1, 2, 0), "Z": (2, 1, 0)}
+
+
+def read_radial_tangent(site: Site, *, axis: str, name: str) -> Array:
+    """The direction around an axis of the object through the middle of its box, in the surface."""
+    place = site.read_attribute(name)[:, :3] - 0.5
+    _, first, second = AROUND[axis]
+    tangent = np.zeros((len(site), 3))
+    tangent[:, second], tangent[:, first] = -place[:, first], place[:, second]
+    return _lay_down(site, site.normal_to_world(tangent))
+
+
+def _lay_down(site: Site, tangent: Array) -> Array:
+    return cross(site.normal, normalize(cross(tangent, site.normal)))
+
+
+def name_of_map(settings: Mapping[str, Any]) -> tuple[str, ...]:
+    return ("tangent " + settings["name"],)
+
+
+_NORMAL = {"Normal": "NEW_GEOMETRY Normal"}
+
+OPERATIONS = {
+    "NORMAL_MAP": Operation(
+        map_normal,
+        ("Strength", "Color"),
+        ("Normal",),
+        ("space", "name", "invert_green"),
+        reads_site=True,
+        attributes=lambda settings: name_of_map(settings) if settings["space"] == "TANGENT" else (),
+    ),
+    "BUMP": Operation(
+        bump,
+        ("Strength", "Distance", "Filter Width", "Normal"),
+        ("Normal",),
+        ("height", "invert"),
+        reads_site=True,
+        runs_programs=True,
+        links=_NORMAL,
+    ),
+    "TANGENT UV_MAP": Operation(
+        read_tangent_of_map, (), ("Tangent",), ("name",), reads_site=True, attributes=name_of_map
+    ),
+    "TANGENT RADIAL": Operation(
+        read_radial_tangent,
+        (),
+        ("Tangent",),
+        ("axis", "name"),
+        reads_site=True,
+        attributes=lambda settings: (settings["name"],),
+    ),
+}

@@ -1,0 +1,292 @@
+"""Where nodes are evaluated: points of surfaces, with all that nodes can read there.
+
+A Site looks values up only when a node asks for them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.types import Booleans, Floats
+from raytracer.arrays.vectors import normalize
+from raytracer.casting.geometry import transform_points, world_corners
+from raytracer.film.camera import find_on_film
+from raytracer.lecture import cross, dot
+from raytracer.shading.occlusion import Probe
+from raytracer.shading.site_tables import TANGENT, SiteTables, View
+from raytracer.surfaces.surface import Surface
+from raytracer.surfaces.surface_tables import gather_corners
+
+
+@dataclass(frozen=True, eq=False)
+class LightPath:
+    """How a ray came to n points, as the Light Path node tells: flags as 0 or 1, lengths, depths; all (n,) float64.
+
+    What a field does not say is 0.
+
+    probe : what casts rays from the points, for programs that ask; None where nothing does
+    """
+
+    values: dict[str, Floats]
+    probe: Probe | None = None
+
+    def select(self, rows: Any) -> LightPath:
+        """Return some of the rays: index or boolean array."""
+        probe = None if self.probe is None else self.probe.select(rows)
+        return LightPath({name: value[rows] for name, value in self.values.items()}, probe)
+
+
+def describe_shadow_rays(count: int) -> LightPath:
+    """Return what programs can ask of shadow rays."""
+    return LightPath({"shadow": np.ones(count), "travelled": np.zeros(count)})
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """n points of surfaces.
+
+    surface : with `barycentric`
+    path : None for points that no ray led to
+    footprint : (n,) float64, metres, about the size of a pixel there; the step of finite differences
+    """
+
+    surface: Surface
+    tables: SiteTables
+    path: LightPath | None
+    footprint: Floats
+
+    def __len__(self) -> int:
+        return len(self.surface)
+
+    # Geometry; normals stand on the side that the ray came from.
+
+    @property
+    def position(self) -> Floats:
+        return self.surface.position
+
+    @property
+    def outgoing(self) -> Floats:
+        return self.surface.outgoing
+
+    @property
+    def front(self) -> Booleans:
+        return self.surface.front
+
+    @property
+    def normal(self) -> Floats:
+        return np.where(self.front[:, np.newaxis], self.surface.shading_normal, -self.surface.shading_normal)
+
+    @property
+    def geometric_normal(self) -> Floats:
+        return np.where(self.front[:, np.newaxis], self.surface.geometric_normal, -self.surface.geometric_normal)
+
+    @property
+    def parametric(self) -> Floats:
+        """Blender's barycentric weights: of the first corner, then of the second; 0."""
+        assert self.surface.barycentric is not None
+        second, third = self.surface.barycentric.T
+        return np.stack([1.0 - second - third, second, np.zeros_like(second)], axis=1)
+
+    @property
+    def is_triangle(self) -> Booleans:
+        return self.surface.instance < self.tables.surface.instance_count
+
+    @property
+    def is_smooth(self) -> Booleans:
+        """(n,) True on meshes with normals, and on spheres."""
+        smooth = ~self.is_triangle
+        rows = np.flatnonzero(~smooth)
+        smooth[rows] = self.tables.smooth[self.tables.geometry.instance_mesh[self.surface.instance[rows]]]
+        return smooth
+
+    # Attributes
+
+    def attribute_width(self, name: str) -> NDArray[np.int64]:
+        """(n,) numbers per value, 0 where the mesh lacks the attribute."""
+        width = np.zeros(len(self), dtype=np.int64)
+        rows = np.flatnonzero(self.is_triangle)
+        width[rows] = self.tables.widths[name][self.tables.geometry.instance_mesh[self.surface.instance[rows]]]
+        return width
+
+    def has_attribute(self, name: str) -> Booleans:
+        """(n,) True where the mesh has the attribute."""
+        return self.attribute_width(name) > 0
+
+    def read_attribute(self, name: str) -> Floats:
+        """(n, 4) values as color and alpha: numbers repeat, uvs are (u, v, 0), and alpha is 1 where there is none."""
+        values, width = np.zeros((len(self), 4)), self.attribute_width(name)
+        rows = np.flatnonzero(width)
+        if len(rows):
+            surface, table = self.surface, self.tables.attributes[name]
+            assert surface.barycentric is not None
+            mesh = self.tables.geometry.instance_mesh[surface.instance[rows]]
+            read = gather_corners(table, mesh, surface.primitive[rows], surface.barycentric[rows])
+            values[rows, : read.shape[1]] = read
+            values[width < 4, 3] = 1.0
+            values[width == 1, 1:3] = values[width == 1, 0:1]
+            values[width == 0] = 0.0
+        return values
+
+    def read_tangent(self, name: str) -> tuple[Floats, Floats]:
+        """(n, 3) the tangent for coordinates `name` in object space, interpolated and so not of unit length, and (n,)
+        the sign of the bitangent; 0 without those coordinates."""
+        values = self.read_attribute(TANGENT + name)
+        return values[:, :3], values[:, 3]
+
+    def read_object_normal(self) -> Floats:
+        """(n, 3) interpolated normals of meshes in object space, not of unit length; zeros elsewhere."""
+        values, surface, table = np.zeros((len(self), 3)), self.surface, self.tables.surface.normals
+        rows = np.flatnonzero(self.is_smooth & self.is_triangle)
+        if table is not None and len(rows):
+            assert surface.barycentric is not None
+            mesh = self.tables.geometry.instance_mesh[surface.instance[rows]]
+            values[rows] = gather_corners(table, mesh, surface.primitive[rows], surface.barycentric[rows])
+        return values
+
+    def flat_object_normal(self) -> Floats:
+        """(n, 3) the flat triangles' unit normals in object space, as wound."""
+        return self.normal_to_object(self.surface.geometric_normal)
+
+    # Objects and spaces; groups of spheres stand in world space.
+
+    @property
+    def object_location(self) -> Floats:
+        return self._of_objects(self.tables.geometry.world_from_object, np.eye(4))[:, :3, 3]
+
+    @property
+    def object_color(self) -> Floats:
+        return self.tables.color[self.surface.instance]
+
+    @property
+    def object_random(self) -> Floats:
+        return self.tables.random[self.surface.instance]
+
+    @property
+    def object_index(self) -> Floats:
+        return self.tables.index[self.surface.instance].astype(np.float64)
+
+    def _of_objects(self, table: Floats, default: Floats) -> Floats:
+        values = np.broadcast_to(default, (len(self), *default.shape)).copy()
+        rows = np.flatnonzero(self.is_triangle)
+        values[rows] = table[self.surface.instance[rows]]
+        return values
+
+    def to_object(self, points: Floats) -> Floats:
+        """World to object space, points (n, 3)."""
+        return transform_points(self._of_objects(self.tables.object_from_world, np.eye(4)), points)
+
+    def normal_to_object(self, normals: Floats) -> Floats:
+        """World to object space, normals (n, 3), unit: the transpose of the matrix."""
+        matrices = self._of_objects(self.tables.geometry.world_from_object, np.eye(4))[:, :3, :3]
+        return normalize(dot(np.swapaxes(matrices, 1, 2), normals[:, np.newaxis, :]))
+
+    def normal_to_world(self, normals: Floats) -> Floats:
+        """Object to world space, normals (n, 3), unit: the inverse transpose of the matrix."""
+        matrices = self._of_objects(self.tables.object_from_world, np.eye(4))[:, :3, :3]
+        return normalize(dot(np.swapaxes(matrices, 1, 2), normals[:, np.newaxis, :]))
+
+    def to_camera(self, points: Floats) -> Floats:
+        """World to camera space with z forward, (n, 3)."""
+        view = self._view
+        return transform_points(view.camera_from_world, points) * (1.0, 1.0, -1.0)
+
+    def to_window(self, points: Floats) -> Floats:
+        """Where points are seen in the full picture: x and y from 0 to 1, 0."""
+        view = self._view
+        seen = transform_points(view.camera_from_world, points)
+        x, y = find_on_film(view.camera, view.width, view.height, seen)
+        return np.stack([x / view.width, y / view.height, np.zeros_like(x)], axis=1)
+
+    @property
+    def _view(self) -> View:
+        if self.tables.view is None:
+            raise ValueError(
+                "Scene: camera: expected a Camera, for a material reads coordinates in its space, got None"
+            )
+        return self.tables.view
+
+    def to_world(self, vectors: Any, space: str, kind: str) -> Floats:
+        """From WORLD, OBJECT or CAMERA space to world space; kind: POINT, VECTOR or NORMAL."""
+        return self._transform(vectors, self._matrices(space, to_world=True), kind)
+
+    def from_world(self, vectors: Any, space: str, kind: str) -> Floats:
+        """From world space to WORLD, OBJECT or CAMERA space; kind: POINT, VECTOR or NORMAL."""
+        return self._transform(vectors, self._matrices(space, to_world=False), kind)
+
+    def _matrices(self, space: str, to_world: bool) -> tuple[Floats, Floats] | None:
+        """The matrix and its inverse, (n, 4, 4) or (4, 4)."""
+        if space == "WORLD":
+            return None
+        if space == "CAMERA":
+            flip = np.diag((1.0, 1.0, -1.0, 1.0))
+            pair = self._view.camera.world_from_camera @ flip, flip @ self._view.camera_from_world
+        else:
+            geometry = self.tables.geometry
+            pair = (
+                self._of_objects(geometry.world_from_object, np.eye(4)),
+                self._of_objects(self.tables.object_from_world, np.eye(4)),
+            )
+        return pair if to_world else pair[::-1]
+
+    @staticmethod
+    def _transform(vectors: Any, matrices: tuple[Floats, Floats] | None, kind: str) -> Floats:
+        vectors = np.asarray(vectors, dtype=np.float64)
+        if matrices is None:
+            return vectors
+        matrix, inverse = matrices
+        if kind == "POINT":
+            return transform_points(matrix, vectors)
+        linear = np.swapaxes(inverse[..., :3, :3], -1, -2) if kind == "NORMAL" else matrix[..., :3, :3]
+        return dot(linear, vectors[..., np.newaxis, :])
+
+    # Rays
+
+    def read_path(self, name: str) -> Floats:
+        """(n,) one of the numbers of a LightPath."""
+        values = self.path.values if self.path is not None else {}
+        return values.get(name, np.zeros(len(self)))
+
+    @property
+    def probe(self) -> Probe | None:
+        return None if self.path is None else self.path.probe
+
+    def shift(self, offset: Floats) -> Site:
+        """Return the site moved by (n, 3) metres within the plane of each triangle: position and barycentric weights.
+
+        d = db e1 + dc e2 with the edges e1, e2: db = (d x e2) . n / n . n and dc = (e1 x d) . n / n . n, n = e1 x e2.
+        """
+        surface = self.surface
+        assert surface.barycentric is not None
+        weights = surface.barycentric.copy()
+        rows = np.flatnonzero(self.is_triangle)
+        a, b, c = world_corners(self.tables.geometry, surface.instance[rows], surface.primitive[rows])
+        first, second, moved = b - a, c - a, offset[rows]
+        normal = cross(first, second)
+        square = dot(normal, normal)
+        square = np.where(square > 0, square, 1.0)
+        weights[rows, 0] += dot(cross(moved, second), normal) / square
+        weights[rows, 1] += dot(cross(first, moved), normal) / square
+        return replace(self, surface=replace(surface, position=surface.position + offset, barycentric=weights))
+
+
+def measure_footprint(tables: SiteTables, surface: Surface, path: LightPath | None) -> Floats:
+    """Return about the size (n,) of a pixel, metres, where rays hit, at the end of the way that they travelled.
+
+    A camera's rays stand closer away from the picture's centre: to a pixel's width w at 1 m belong the angles
+    w |d_z| sqrt(1 - d_x^2) and w |d_z| sqrt(1 - d_y^2) around a direction d in its space, of which the mean is taken.
+    What has been reflected is taken for a ray of the centre.
+    """
+    travelled = np.zeros(len(surface)) if path is None else path.values["travelled"]
+    if tables.view is None:
+        return 1e-3 * travelled
+    if tables.view.camera.projection == "orthographic":
+        return np.full(len(travelled), tables.view.pixel)
+    if path is None or "camera" not in path.values:
+        return tables.view.pixel * travelled
+    x, y, z = (surface.outgoing @ tables.view.camera_from_world[:3, :3].T).T
+    angle = np.abs(z) * (np.sqrt(np.maximum(1.0 - x * x, 0.0)) + np.sqrt(np.maximum(1.0 - y * y, 0.0))) / 2.0
+    return tables.view.pixel * travelled * np.where(path.values["camera"] > 0, angle, 1.0)

@@ -1,0 +1,128 @@
+"""What the programs of a scene's materials read, packed once: attributes of meshes, values of objects, the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.types import Booleans, Floats
+from raytracer.casting.geometry import Geometry
+from raytracer.film.camera import find_on_film
+from raytracer.scene.camera import Camera
+from raytracer.scene.scene import Scene
+from raytracer.surfaces.surface_tables import CornerTable, SurfaceTables, pack_corners
+from raytracer.surfaces.tangents import make_tangents
+
+# What the names of tangents begin with; the coordinates they are for follow.
+TANGENT = "tangent "
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What nodes know of the camera: the record, the size of the full picture in pixels, and the inverse matrix."""
+
+    camera: Camera
+    width: int
+    height: int
+    camera_from_world: Floats
+
+    @property
+    def pixel(self) -> float:
+        """The width of a pixel on the film plane: metres at 1 m distance, or at any distance if orthographic."""
+        x = find_on_film(self.camera, self.width, self.height, np.array([[0.0, 0.0, -1.0], [1.0, 0.0, -1.0]]))[0]
+        return float(1.0 / (x[1] - x[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class SiteTables:
+    """What the programs of a scene read, packed once.
+
+    object_from_world : (i, 4, 4) float64
+    attributes : by name, the values at the corners of all meshes
+    widths : by name, (meshes,) int64, numbers per value, 0 = the mesh lacks it
+    random : (i + g,) float64; color : (i + g, 4); index : (i + g,) int32; instances, then groups of spheres
+    smooth : (meshes,) bool, True for meshes with normals
+    view : View, or None without a camera
+    """
+
+    surface: SurfaceTables
+    object_from_world: Floats
+    attributes: dict[str, CornerTable]
+    widths: dict[str, NDArray[np.int64]]
+    random: Floats
+    color: Floats
+    index: NDArray[np.int32]
+    smooth: Booleans
+    view: View | None
+
+    @property
+    def geometry(self) -> Geometry:
+        return self.surface.geometry
+
+
+def make_site_tables(
+    scene: Scene, surface: SurfaceTables, names: set[str], frame: tuple[int, int] | None
+) -> SiteTables:
+    """Pack the attributes `names`, objects and camera of a scene; frame : width and height of the full picture."""
+    geometry, instances = surface.geometry, scene.instances
+    count, groups = scene.instance_count, len(scene.spheres)
+    random, color = np.zeros(count + groups), np.ones((count + groups, 4))
+    index = np.zeros(count + groups, dtype=np.int32)
+    index[count:] = [group.pass_index for group in scene.spheres]
+    if instances is not None:
+        index[:count] = instances.pass_index
+        random[:count] = 0.0 if instances.random is None else instances.random
+        color[:count] = 1.0 if instances.color is None else instances.color
+    widths = {name: _find_widths(scene, name) for name in sorted(names)}
+    return SiteTables(
+        surface=surface,
+        object_from_world=_invert(geometry.world_from_object),
+        attributes={name: _pack(scene, name, int(width.max(initial=1))) for name, width in widths.items()},
+        widths=widths,
+        random=random,
+        color=color,
+        index=index,
+        smooth=np.array([mesh.normals is not None for mesh in scene.meshes], dtype=np.bool_),
+        view=_make_view(scene.camera, frame),
+    )
+
+
+def _make_view(camera: Camera | None, frame: tuple[int, int] | None) -> View | None:
+    if camera is None or frame is None:
+        return None
+    return View(camera, *frame, np.linalg.inv(camera.world_from_camera))
+
+
+def _invert(matrices: Floats) -> Floats:
+    """The inverses of (i, 4, 4) affine matrices; zeros for those that flatten."""
+    usable = np.linalg.det(matrices[:, :3, :3]) != 0
+    inverse = np.zeros_like(matrices)
+    inverse[usable] = np.linalg.inv(matrices[usable])
+    return inverse
+
+
+def _values_of(mesh: Any, name: str) -> Floats | None:
+    """An attribute of a mesh; "uv" is its own coordinates, "tangent x" the tangents for coordinates x."""
+    if name.startswith(TANGENT):
+        uvs = _values_of(mesh, name.removeprefix(TANGENT))
+        return None if uvs is None else make_tangents(mesh, uvs[..., :2])
+    return mesh.uvs if name == "uv" and "uv" not in mesh.attributes else mesh.attributes.get(name)
+
+
+def _find_widths(scene: Scene, name: str) -> NDArray[np.int64]:
+    values = [_values_of(mesh, name) for mesh in scene.meshes]
+    return np.array([0 if value is None else value.shape[-1] for value in values], dtype=np.int64)
+
+
+def _pack(scene: Scene, name: str, width: int) -> CornerTable:
+    def read(mesh: Any) -> Floats | None:
+        values = _values_of(mesh, name)
+        if values is None or values.shape[-1] == width:
+            return values
+        padding = [(0, 0)] * (values.ndim - 1) + [(0, width - values.shape[-1])]
+        return np.pad(values, padding)
+
+    return pack_corners(scene, read, width)

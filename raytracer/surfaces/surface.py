@@ -1,0 +1,206 @@
+"""From a hit to the surface there: position with an error bound, normals, side, material, uv.
+
+The position is taken on the primitive itself, from barycentric weights (lecture, "Barycentric Coordinates") or from the
+sphere's centre and radius, not as o + t d: its error then depends on the primitive and not on how far the ray came.
+
+References
+----------
+M. Pharr, W. Jakob, G. Humphreys, "Physically Based Rendering", 4th edition, section 6.8, "Managing Rounding Error".
+N. J. Higham, "Accuracy and Stability of Numerical Algorithms", 2nd edition, 2002, section 3.1: gamma(n).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.rows import any_column
+from raytracer.arrays.types import Booleans, Floats, Integers
+from raytracer.arrays.vectors import normalize
+from raytracer.casting.geometry import join_id
+from raytracer.casting.rays import Hits, Rays, _select_rows
+from raytracer.lecture import dot, length, point_on_line
+from raytracer.surfaces.surface_tables import (
+    CASTER_ERROR,
+    INTERPOLATION_ERROR,
+    SurfaceTables,
+    gather_corners,
+    interpolate,
+    measure_triangles,
+)
+
+
+def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
+    """Return the surface where rays hit; every ray must have hit.
+
+    Parameters
+    ----------
+    tables : SurfaceTables of the scene that was hit
+    rays, hits : n rays and their hits, without misses
+
+    Returns
+    -------
+    Surface of n points. Its geometric normal is the object's normal, turned by the inverse transpose of the instance's
+    matrix as in Blender, so that mirroring an instance does not turn its front to its back.
+    """
+    is_triangle = hits.instance < tables.instance_count
+    if is_triangle.all():
+        position, error, normal, shading = _triangle_surface(tables, hits)
+    else:
+        position, error, normal, shading = _mixed_surface(tables, rays, hits, is_triangle)
+    outgoing = -normalize(rays.directions)
+    material = tables.material[
+        tables.material_first[hits.instance] + tables.material_step[hits.instance] * hits.primitive
+    ]
+    return Surface(
+        position=position,
+        position_error=error * tables.roundoff,
+        geometric_normal=normal,
+        shading_normal=normal if tables.normals is None else shading,
+        outgoing=outgoing,
+        front=dot(normal, outgoing) >= 0,
+        material=material,
+        instance=hits.instance,
+        primitive=hits.primitive,
+        uv=None if tables.uvs is None else _interpolate_uvs(tables, hits, is_triangle),
+        barycentric=hits.barycentric if tables.with_barycentric else None,
+    )
+
+
+def _triangle_surface(tables: SurfaceTables, hits: Hits) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return position (n, 3), its error (n,), geometric and shading normal (n, 3) where triangles are hit."""
+    position, error, normal = _triangle_points(tables, hits.instance, hits.primitive, hits.barycentric)
+    shading = _interpolate_normals(tables, hits.instance, hits.primitive, hits.barycentric, normal)
+    return position, error, normal, shading
+
+
+def _mixed_surface(
+    tables: SurfaceTables, rays: Rays, hits: Hits, is_triangle: NDArray[np.bool_]
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return what `_triangle_surface` does where some of the hits, or all, are spheres."""
+    position, normal, shading = (np.empty((len(hits), 3)) for _ in range(3))
+    error = np.empty(len(hits))
+    flat, round_ = np.flatnonzero(is_triangle), np.flatnonzero(~is_triangle)
+    if len(flat):
+        position[flat], error[flat], normal[flat], shading[flat] = _triangle_surface(tables, hits.select(flat))
+    at = point_on_line(rays.origins[round_], rays.directions[round_], hits.distance[round_])
+    position[round_], error[round_], normal[round_] = _sphere_points(tables, hits, round_, at)
+    shading[round_] = normal[round_]
+    return position, error, normal, shading
+
+
+def _triangle_points(
+    tables: SurfaceTables, instance: Integers, primitive: Integers, weights: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return position alpha a + beta b + gamma c (n, 3), its error bound (n,) and the geometric normal (n, 3)."""
+    if tables.triangles is None:
+        triangles = measure_triangles(tables.geometry, tables.mirrored, instance, primitive)
+    else:
+        triangles = tables.triangles.select(join_id(tables.geometry, instance, primitive))
+    return interpolate(weights, triangles.a, triangles.b, triangles.c), triangles.error, triangles.normal
+
+
+def _sphere_points(
+    tables: SurfaceTables, hits: Hits, rows: NDArray[np.intp], at: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Move points `at` (n, 3) radially onto their spheres: c + r n with n the direction from the centre.
+
+    n is a unit vector to within gamma(5), the product and the sum round once each: gamma(7) of r, and of |c| as well.
+    """
+    geometry = tables.geometry
+    sphere = geometry.first_id[hits.instance[rows]] + hits.primitive[rows] - geometry.sphere_id
+    centre, radius = geometry.centres[sphere], geometry.radii[sphere]
+    normal = normalize(at - centre)
+    position = centre + radius[:, np.newaxis] * normal
+    error = INTERPOLATION_ERROR * (length(centre) + radius) + CASTER_ERROR * radius
+    return position, error, normal
+
+
+def _interpolate_normals(
+    tables: SurfaceTables, instance: Integers, primitive: Integers, weights: Floats, geometric: Floats
+) -> Floats:
+    """Return the interpolated corner normals in world space, unit (n, 3); geometric normals where there are none.
+
+    The cofactor matrix is det(M) M^-T: its sign is taken back for mirrored instances.
+    """
+    if tables.normals is None:
+        return geometric
+    mesh = tables.geometry.instance_mesh[instance]
+    smooth = np.flatnonzero(tables.normals.first[mesh] >= 0)
+    local = gather_corners(tables.normals, mesh[smooth], primitive[smooth], weights[smooth])
+    matrices = tables.normal_from_object[instance[smooth]]  # (k, 3, 3)
+    world = normalize(dot(matrices, normalize(local)[:, np.newaxis, :]))
+    world = np.where(tables.mirrored[instance[smooth], np.newaxis], -world, world)
+    usable = any_column(world != 0)
+    shading = geometric.copy()
+    shading[smooth[usable]] = world[usable]
+    return shading
+
+
+def _interpolate_uvs(tables: SurfaceTables, hits: Hits, is_triangle: NDArray[np.bool_]) -> Floats:
+    """Return (n, 2) uvs, NaN on spheres and on meshes that have none."""
+    assert tables.uvs is not None
+    uv = np.full((len(hits), 2), np.nan)
+    rows = np.flatnonzero(is_triangle)
+    mesh = tables.geometry.instance_mesh[hits.instance[rows]]
+    has_uv = tables.uvs.first[mesh] >= 0
+    rows, mesh = rows[has_uv], mesh[has_uv]
+    uv[rows] = gather_corners(tables.uvs, mesh, hits.primitive[rows], hits.barycentric[rows])
+    return uv
+
+
+def spawn_origin(surface: Surface, direction: Floats) -> Floats:
+    """Return where rays that leave the surface start: (n, 3), outside the error bound, on the side they leave to.
+
+    The position moves along the geometric normal by its error bound, then each coordinate by one unit in the last
+    place, away from the surface, to cover the rounding of that sum. The step follows the size of the coordinates and
+    of the primitive: below 1e-9 m at 1e6 m, so that a wall of 1e-4 m stays closed there.
+
+    Parameters
+    ----------
+    surface : Surface of n points
+    direction : (n, 3) float64, of the leaving rays
+    """
+    normal = surface.geometric_normal
+    side = np.where(dot(normal, direction)[:, np.newaxis] >= 0, normal, -normal)
+    moved = surface.position + surface.position_error[:, np.newaxis] * side
+    return np.where(side == 0, moved, np.nextafter(moved, np.copysign(np.inf, side)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Surface:
+    """The surface at n hits (misses are left out beforehand); what a scene does not need is None.
+
+    position : (n, 3) float64, metres, world, on the surface to within `position_error`
+    position_error : (n,) float64, metres, bound on the distance of `position` from the exact surface point
+    geometric_normal : (n, 3) float64, unit, of the flat triangle or the sphere, as wound (not flipped to the ray)
+    shading_normal : (n, 3) float64, unit, interpolated; the same array as geometric_normal without smooth normals
+    outgoing : (n, 3) float64, unit, from the surface towards where the ray came from
+    front : (n,) bool, True where the ray arrived at the side that geometric_normal points to
+    material : (n,) int32, index into the scene's materials
+    instance, primitive : (n,) int32, as in Hits
+    uv : (n, 2) float64, NaN where there are none; None where the scene has no uvs or nothing reads them
+    barycentric : (n, 2) float64, as in Hits, or None where nothing reads it
+    """
+
+    position: Floats
+    position_error: Floats
+    geometric_normal: Floats
+    shading_normal: Floats
+    outgoing: Floats
+    front: Booleans
+    material: Integers
+    instance: Integers
+    primitive: Integers
+    uv: Floats | None = None
+    barycentric: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def select(self, rows: Any) -> Surface:
+        """Return some of the points: index or boolean array."""
+        return _select_rows(self, rows)

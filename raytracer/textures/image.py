@@ -1,0 +1,122 @@
+"""Image textures: pixels at coordinates, between pixels and beyond the border.
+
+The centre of pixel (i, j) of a picture of w x h lies at u = (i + 1/2) / w, v = (j + 1/2) / h, row 0 at the bottom.
+Stored numbers are blended first and decoded afterwards, as Cycles does.
+
+References
+----------
+Blender, intern/cycles/kernel/device/cpu/image.h: borders and the cubic B-spline.
+IEC 61966-2-1: the curve of sRGB.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.types import Floats
+from raytracer.scene.programs import Image
+
+Indices = NDArray[np.int64]
+
+
+EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
+
+
+# Coordinates further out than this are all the same beyond a border; keeps the numbers of pixels within 64 bits.
+FARTHEST = 2.0**40
+
+
+def decode_srgb(values: Floats) -> Floats:
+    """Return linear numbers of sRGB ones; 0 for those below 0."""
+    values = np.maximum(values, 0.0)
+    return np.where(values < 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+def _weigh_closest(at: Floats) -> tuple[Indices, list[Floats]]:
+    return np.floor(at).astype(np.int64), [np.ones_like(at)]
+
+
+def _weigh_linear(at: Floats) -> tuple[Indices, list[Floats]]:
+    first = np.floor(at - 0.5)
+    rest = at - 0.5 - first
+    return first.astype(np.int64), [1.0 - rest, rest]
+
+
+def _weigh_cubic(at: Floats) -> tuple[Indices, list[Floats]]:
+    """The uniform cubic B-spline: it smooths, and does not pass through the pixels."""
+    first = np.floor(at - 0.5)
+    t = at - 0.5 - first
+    weights = [
+        (1.0 - t) ** 3 / 6.0,
+        t * t * (t / 2.0 - 1.0) + 2.0 / 3.0,
+        t * (t * (1.0 - t) + 1.0) / 2.0 + 1.0 / 6.0,
+        t**3 / 6.0,
+    ]
+    return first.astype(np.int64) - 1, weights
+
+
+INTERPOLATIONS: dict[str, Callable[[Floats], tuple[Indices, list[Floats]]]] = {
+    "Closest": _weigh_closest,
+    "Linear": _weigh_linear,
+    "Cubic": _weigh_cubic,
+    "Smart": _weigh_cubic,
+}
+
+
+def _wrap(index: Indices, size: int, extension: str) -> Indices:
+    """Return the pixels (n,) that stand for those outside; CLIP's are wrong, and get no weight."""
+    if extension == "REPEAT":
+        return index % size
+    if extension == "MIRROR":
+        index = index % (2 * size)
+        return np.where(index >= size, 2 * size - 1 - index, index)
+    return np.clip(index, 0, size - 1)
+
+
+def _find_taps(coordinate: Floats, size: int, interpolation: str, extension: str) -> list[tuple[Indices, Floats]]:
+    """Return the pixels along one axis, with their weights (n,)."""
+    at = np.clip(np.nan_to_num(coordinate), -FARTHEST, FARTHEST) * size
+    first, weights = INTERPOLATIONS[interpolation](at)
+    taps = []
+    for step, weight in enumerate(weights):
+        index = first + step
+        if extension == "CLIP":
+            weight = np.where((index >= 0) & (index < size), weight, 0.0)
+        taps.append((_wrap(index, size, extension), weight))
+    return taps
+
+
+def read_image(image: Image, uv: Floats, interpolation: str = "Linear", extension: str = "REPEAT") -> Floats:
+    """Return what an image holds at coordinates, (n, 4) as stored; CLIP gives 0 outside.
+
+    Parameters
+    ----------
+    uv : (n, 2) float64, (0, 0) the lower left corner and (1, 1) the upper right one
+    interpolation : 'Closest', 'Linear', 'Cubic' or 'Smart' (which is cubic)
+    extension : one of EXTENSIONS
+    """
+    height, width = image.pixels.shape[:2]
+    rows = _find_taps(uv[:, 1], height, interpolation, extension)
+    columns = _find_taps(uv[:, 0], width, interpolation, extension)
+    flat = image.pixels.reshape(-1, 4)
+    total = np.zeros((len(uv), 4))
+    for row, row_weight in rows:
+        for column, column_weight in columns:
+            total += (row_weight * column_weight)[:, np.newaxis] * flat[row * width + column]
+    return total / 255.0 if flat.dtype == np.uint8 else total
+
+
+def sample_image(
+    image: Image, uv: Floats, interpolation: str = "Linear", extension: str = "REPEAT", unassociate: bool = False
+) -> Floats:
+    """Return color and alpha (n, 4) at coordinates (n, 2), scene linear; `unassociate` divides the color by alpha."""
+    values = read_image(image, uv, interpolation, extension)
+    if unassociate:
+        alpha = values[:, 3:]
+        values[:, :3] /= np.where((alpha != 0) & (alpha != 1), alpha, 1.0)
+    if image.encoding == "srgb":
+        values[:, :3] = decode_srgb(values[:, :3])
+    return values

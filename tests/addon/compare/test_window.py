@@ -1,0 +1,175 @@
+"""Comparisons as operators: outcome, map and list; nothing of the user's changes; verdicts in exact arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from types import SimpleNamespace
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+import addon
+from addon.compare import results
+from addon.compare.ray_cast import verdict
+from addon.compare.ray_cast.rays import Aimed
+from addon.compare.window import describe, heat_map, job, operators, session
+from addon.inspector import session as inspector
+from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage
+from tests.addon.inspector.test_inspector import describe_scene
+
+
+@pytest.fixture
+def stage(empty_scene: Any) -> Iterator[Any]:
+    """A plane of one colour over half of the picture, tilted by thirds so that rays need rounding."""
+    addon.register()
+    make_stage(empty_scene)
+    plane = add_plane(empty_scene.collection, "Plane", (0.75, 0.125, 0.0), (-9.0, 0.1), (-7.0, 7.0))
+    plane.rotation_euler = (0.1, 0.2, 0.3)
+    bpy.context.view_layer.update()
+    yield empty_scene
+    addon.unregister()
+
+
+def test_comparing_with_cycles_finds_agreement_and_changes_nothing(stage: Any) -> None:
+    stage.render.engine = "BLENDER_WORKBENCH"
+    before, images = describe_scene(stage), set(bpy.data.images.keys())
+    objects = {thing.name: list(thing.matrix_world) for thing in stage.objects}
+    assert bpy.ops.raytracer.compare_cycles(width=WIDTH, samples=8) == {"FINISHED"}
+    outcome = session.find_outcome()
+    assert outcome is not None
+    assert (outcome.kind, outcome.heat.shape) == ("cycles", (HEIGHT, WIDTH))
+    assert outcome.numbers["z_fail_share"] == 0.0
+    assert all(share == 0.0 for share in outcome.numbers["passes"].values())
+    assert describe_scene(stage) == before
+    assert {thing.name: list(thing.matrix_world) for thing in stage.objects} == objects
+    assert set(bpy.data.images.keys()) - images == {heat_map.IMAGE_NAME}
+    assert tuple(bpy.data.images[heat_map.IMAGE_NAME].size) == (WIDTH, HEIGHT)
+    assert bpy.data.filepath == ""
+
+
+def test_comparing_with_ray_cast_lists_rays_that_can_be_inspected(stage: Any) -> None:
+    assert bpy.ops.raytracer.compare_ray_cast(width=WIDTH, rays=100) == {"FINISHED"}
+    outcome, state = session.find_outcome(), bpy.context.window_manager.reference_raytracer_comparison
+    assert outcome is not None
+    numbers = outcome.numbers
+    assert numbers["rays"] == WIDTH * HEIGHT + 300
+    assert numbers["ours_wrong"] == 0
+    assert [row.name for row in state.worst] == [entry.label for entry in outcome.worst]
+    assert not state.is_running
+    for index, entry in enumerate(outcome.worst[:3]):
+        state.worst_index = index
+        verdicts = session.find_verdicts()
+        assert verdicts is not None
+        assert verdicts[0].is_right
+        np.testing.assert_array_equal(verdicts[0].origin, entry.origin)
+        lines = [*describe.describe_exact(verdicts[0]), *describe.describe_verdict(verdicts[1])]
+        assert all(name and all(values) for name, values in lines)
+        assert len(bpy.context.window_manager.reference_raytracer.rays) >= 1
+        inspected = inspector.find_inspected()
+        assert inspected is not None
+        assert session.find_verdicts_on(inspected.tree[0]) == verdicts
+        assert all(session.find_verdicts_on(ray) is None for ray in inspected.tree[1:])
+
+
+def test_failure_is_one_sentence(stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(job, "CHILD", job.CHILD.with_name("nothing.py"))
+    with pytest.raises(RuntimeError, match=r"^Error: Blender ended with code 2: .*nothing\.py.*\n?$"):
+        bpy.ops.raytracer.compare_ray_cast(width=16, rays=1)
+    assert operators._running is None
+    assert not bpy.context.window_manager.reference_raytracer_comparison.is_running
+    assert bpy.ops.raytracer.compare_ray_cast.poll()
+
+
+def test_stopping_ends_the_process_and_removes_its_files(stage: Any) -> None:
+    running = job.Running(stage, bpy.context.view_layer, "cycles", (WIDTH, HEIGHT), 4096)
+    operators._running = running
+    assert not bpy.ops.raytracer.compare_cycles.poll()
+    assert running.folder.is_dir()
+    assert not running.is_done()
+    assert bpy.ops.raytracer.cancel_compare() == {"FINISHED"}
+    assert running.is_done()
+    assert not running.folder.exists()
+
+
+def test_scene_without_camera_cannot_be_compared(stage: Any) -> None:
+    stage.camera = None
+    assert not bpy.ops.raytracer.compare_cycles.poll()
+
+
+def test_verdict_is_exact_arithmetics(stage: Any) -> None:
+    stage.objects["Plane"].rotation_euler = (0, 0, 0)
+    stage.objects["Plane"].location.z = 0.5
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    ours, blender = verdict.judge_ray(stage, depsgraph, (-3.0, 1.0, 3.0), (0.0, 0.0, -3.0))
+    assert ours.exact_distance == blender.exact_distance == Fraction(5, 6)
+    assert (ours.answer, ours.exact_surfaces) == (("Plane", 0), {("Plane", 0)})
+    assert ours.is_right
+    assert blender.is_right
+    assert ours.distance_error is not None
+    assert ours.t_error <= ours.distance_error <= 2.0**-52
+    assert describe.format_fraction(Fraction(5, 6)) == "0.83333333333333333333"
+    miss, _ = verdict.judge_ray(stage, depsgraph, (50.0, 1.0, 3.0), (0.0, 0.0, -3.0))
+    assert (miss.answer, miss.exact_distance, miss.is_right) == (None, None, True)
+    assert [values for _, values in describe.describe_exact(miss)] == [("the ray hits nothing",)]
+
+
+def test_wrong_answer_is_called_wrong(stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = verdict.make_sides
+
+    def lie(scene: Any, depsgraph: Any, geometry_only: bool = False) -> Any:
+        sides, extraction = made(scene, depsgraph, geometry_only)
+        liar = SimpleNamespace(
+            caster=sides.caster,
+            translate=sides.translate,
+            polygons=sides.polygons,
+            ray_cast=lambda origin, direction: (False, None, None, -1, None, None),
+            target_of_key={},
+        )
+        return liar, extraction
+
+    monkeypatch.setattr(verdict, "make_sides", lie)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    ours, blender = verdict.judge_ray(stage, depsgraph, (-3.0, 1.0, 5.0), (0.0, 0.0, -1.0))
+    assert (ours.is_right, blender.is_right) == (True, False)
+    assert dict(describe.describe_verdict(blender)) == {"Answer": ("a miss",), "Right is": ("Plane, polygon 0",)}
+
+
+def test_worst_pixels_are_sorted_and_apart() -> None:
+    heat = np.zeros((20, 30))
+    heat[4, 5], heat[5, 6], heat[19, 29], heat[0, 0] = 0.9, 0.8, 0.7, 0.1
+    assert results.find_worst(heat) == [(4, 5, 0.9), (19, 29, 0.7), (0, 0, 0.1)]
+    assert results.find_worst(np.zeros((3, 3))) == []
+
+
+def test_ray_that_hits_different_surfaces_is_brightest_where_its_pixel_is() -> None:
+    width, height, odd, far = 4, 3, 2, 9  # camera rays are numbered from the lower left corner; one other ray follows
+    count = width * height + 1
+    target, other, error = np.zeros(count, dtype=int), np.zeros(count, dtype=int), np.zeros(count)
+    other[odd], error[far] = 1, 0.25
+    comparison = SimpleNamespace(
+        rays=Aimed(np.zeros((count, 3)), np.ones((count, 3)), np.array(["camera"] * (count - 1) + ["edge"])),
+        ours=SimpleNamespace(target=target),
+        blender=SimpleNamespace(target=other),
+        agreeing=target == other,
+        position_error=error,
+        summarise=dict,
+    )
+    outcome = results.make_ray_cast_outcome(comparison, width, height)
+    assert outcome.heat[2, 2] == 1.0  # the lowest row is the last
+    assert outcome.heat[0, 1] == results.LARGEST_HEAT
+    assert np.count_nonzero(outcome.heat) == 2
+    assert [(entry.x, entry.y) for entry in outcome.worst] == [(2, 0), (1, 2)]
+
+
+def test_heat_map_has_the_top_row_on_top(stage: Any) -> None:
+    heat = np.zeros((3, 5), dtype=np.float32)
+    heat[0] = 1.0  # the top row
+    image = heat_map.show_heat_map(heat)
+    pixels = np.array(image.pixels[:]).reshape(3, 5, 4)
+    np.testing.assert_array_equal(pixels[2], np.ones((5, 4)))  # Blender's last row is the top one
+    np.testing.assert_array_equal(pixels[:2, :, :3], np.zeros((2, 5, 3)))
+    assert heat_map.show_heat_map(np.ones((4, 4), dtype=np.float32)) == image
+    assert tuple(image.size) == (4, 4)

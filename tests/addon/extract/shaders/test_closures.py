@@ -1,0 +1,142 @@
+"""Shader nodes to closures: layers, facets, diffuse shapes and metals, and what is clamped or named."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from addon import versions
+from raytracer.scene.programs import Register
+from tests.addon.extract.shaders.shader_trees import add, extract_closure, extract_material, texts
+
+pytestmark = pytest.mark.blender
+
+
+def test_unsupported_inputs_are_named_only_where_used(tree: Any) -> None:
+    add(tree, "ShaderNodeBsdfPrincipled", Subsurface_Weight=0.5, Thin_Film_Thickness=0.0)
+    (text,) = texts()
+    assert "Subsurface Weight is not supported, rendered as diffuse" in text
+
+
+def test_principled_layers(tree: Any) -> None:
+    values = {"Coat_Weight": 0.5, "Coat_Roughness": 0.25, "Coat_IOR": 1.75, "Coat_Tint": (0.5, 0.25, 1, 1)}
+    values |= {"Sheen_Weight": 0.75, "Sheen_Roughness": 0.125, "Sheen_Tint": (0.25, 0.5, 1, 1)}
+    add(tree, "ShaderNodeBsdfPrincipled", **values)
+    closure = extract_closure()
+    assert (closure.coat_weight, closure.coat_roughness, closure.coat_ior) == (0.5, 0.25, 1.75)
+    assert (closure.sheen_weight, closure.sheen_roughness) == (0.75, 0.125)
+    assert_array_equal(closure.coat_tint, (0.5, 0.25, 1))
+    assert_array_equal(closure.sheen_tint, (0.25, 0.5, 1))
+    assert not texts()
+
+
+def test_what_bends_the_base_does_not_bend_its_coat(tree: Any) -> None:
+    node = add(tree, "ShaderNodeBsdfPrincipled", Coat_Weight=0.5)
+    assert extract_closure().coat_normal is None
+    bend = tree.nodes.new("ShaderNodeNormalMap")
+    bend.inputs["Color"].default_value = (0.75, 0.5, 0.9, 1.0)
+    tree.links.new(bend.outputs["Normal"], node.inputs["Normal"])
+    closure = extract_closure()
+    assert isinstance(closure.normal, Register)
+    assert_array_equal(closure.coat_normal, np.zeros(3))
+
+
+def test_layers_that_are_off_are_not_read(tree: Any) -> None:
+    add(tree, "ShaderNodeBsdfPrincipled", Coat_Roughness=0.25, Sheen_Roughness=0.125, Anisotropic_Rotation=0.5)
+    closure = extract_closure()
+    assert (closure.coat_roughness, closure.sheen_roughness, closure.rotation) == (0.03, 0.5, 0.0)
+    assert closure.tangent is None
+    assert extract_material().program is None
+
+
+def test_emission_under_a_coat_is_named(tree: Any) -> None:
+    add(tree, "ShaderNodeBsdfPrincipled", Coat_Weight=0.5, Emission_Strength=2.0)
+    assert ["do not dim its emission" in text for text in texts()] == [True]
+
+
+@pytest.mark.parametrize("node", ["Principled", "Anisotropic"])
+def test_anisotropy_follows_the_tangent_around_z(tree: Any, node: str) -> None:
+    amount, turn = ("Anisotropic", "Anisotropic_Rotation") if node == "Principled" else ("Anisotropy", "Rotation")
+    add(tree, f"ShaderNodeBsdf{node}", **{amount: 0.5, turn: 0.25})
+    closure, program = extract_closure(), extract_material().program
+    assert (closure.anisotropy, closure.rotation) == (0.5, 0.25)
+    assert closure.tangent == Register(0, "Tangent")
+    assert [step.operation for step in program.steps] == ["TANGENT RADIAL"]
+    assert not texts()
+
+
+@pytest.mark.parametrize(
+    ("choice", "distribution", "multiscatter"),
+    [("BECKMANN", "beckmann", 0.0), ("GGX", "ggx", 0.0), ("MULTI_GGX", "ggx", 1.0)],
+)
+def test_distributions(tree: Any, choice: str, distribution: str, multiscatter: float) -> None:
+    add(tree, "ShaderNodeBsdfGlass").distribution = choice
+    closure = extract_closure()
+    assert (closure.distribution, closure.multiscatter) == (distribution, multiscatter)
+
+
+def test_unknown_distribution_is_named(tree: Any) -> None:
+    add(tree, "ShaderNodeBsdfAnisotropic").distribution = "ASHIKHMIN_SHIRLEY"
+    assert ["distribution ASHIKHMIN_SHIRLEY is not supported, GGX is used" in text for text in texts()] == [True]
+
+
+@pytest.mark.parametrize(
+    ("node", "properties", "kind", "inputs"),
+    [
+        ("Translucent", {}, "translucent", {}),
+        ("Sheen", {"distribution": "MICROFIBER"}, "sheen", {"Roughness": 0.25}),
+        ("Sheen", {"distribution": "ASHIKHMIN"}, "velvet", {"Roughness": 0.25}),
+        ("Toon", {"component": "DIFFUSE"}, "toon", {"Size": 0.25, "Smooth": 0.5}),
+        ("Toon", {"component": "GLOSSY"}, "glossy_toon", {"Size": 0.25, "Smooth": 0.5}),
+    ],
+)
+def test_kinds_of_diffuse_shaders(
+    tree: Any, node: str, properties: dict[str, str], kind: str, inputs: dict[str, float]
+) -> None:
+    made = add(tree, f"ShaderNodeBsdf{node}", Color=(0.5, 0.25, 0.125, 1), **inputs)
+    for name, value in properties.items():
+        setattr(made, name, value)
+    closure = extract_closure()
+    assert closure.kind == kind
+    assert_array_equal(closure.color, (0.5, 0.25, 0.125))
+    assert {name: getattr(closure, name.lower()) for name in inputs} == inputs
+    assert not texts()
+
+
+def test_rough_diffuse_gives_lost_light_back_since_4_3(tree: Any) -> None:
+    add(tree, "ShaderNodeBsdfDiffuse", Roughness=0.5)
+    closure = extract_closure()
+    assert (closure.diffuse_roughness, closure.multiscatter) == (0.5, float(versions.VERSION >= (4, 3)))
+
+
+@pytest.mark.skipif(versions.VERSION < (4, 3), reason="there is no Metallic BSDF before Blender 4.3")
+def test_metallic_shader(tree: Any) -> None:
+    node = add(tree, "ShaderNodeBsdfMetallic", Base_Color=(0.5, 0.25, 0.125, 1), Edge_Tint=(0.25, 1, 0.5, 1))
+    closure = extract_closure()
+    assert closure.kind == "metal"
+    assert_array_equal(closure.specular_tint, (0.25, 1, 0.5))
+    node.fresnel_type = "PHYSICAL_CONDUCTOR"
+    node.inputs["IOR"].default_value, node.inputs["Extinction"].default_value = (0.5, 0.25, 1), (2, 4, 8)
+    closure = extract_closure()
+    assert closure.kind == "conductor"
+    assert_array_equal(closure.color, (0.5, 0.25, 1))
+    assert_array_equal(closure.extinction, (2, 4, 8))
+    assert not texts()
+
+
+def test_values_out_of_range_are_clamped_as_in_cycles(tree: Any) -> None:
+    values = {"Metallic": 3.0, "Roughness": -1.0, "IOR": 0.0, "Base_Color": (-1, float("nan"), 2, 1)}
+    node = add(tree, "ShaderNodeBsdfPrincipled")
+    value = {}
+    for name, wanted in values.items():
+        source = tree.nodes.new("ShaderNodeRGB" if name == "Base_Color" else "ShaderNodeValue")
+        source.outputs[0].default_value = wanted
+        value[name] = source
+        tree.links.new(source.outputs[0], node.inputs[name.replace("_", " ")])
+    closure = extract_closure()
+    assert (closure.metallic, closure.roughness) == (1.0, 0.0)
+    assert closure.ior > 0
+    assert_array_equal(closure.color, (0, 0, 2))

@@ -1,0 +1,185 @@
+"""Images: pixels, alpha, color spaces, and files of the formats that Blender loads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from addon.extract.shaders.color_spaces import LINEAR_SPACES, REC709, find_decoder, xyz_from_linear
+from addon.extract.shaders.images import ImageTable, associate, extract_image, read_floats
+from addon.extract.shaders.nodes import Place
+from addon.extract.warnings import WarningList
+from addon.versions import set_image_format
+from raytracer.textures.image import decode_srgb
+from tests.addon.against_cycles.node_fixtures import add_node, measure_differences
+
+pytestmark = pytest.mark.blender
+
+SIZE = (6, 4)
+
+
+@pytest.fixture
+def warnings(empty_scene: Any) -> WarningList:
+    return WarningList()
+
+
+def place(warnings: WarningList) -> Place:
+    return Place(warnings, "Object", "Material")
+
+
+def make_pixels(opaque: bool = True) -> np.ndarray:
+    pixels = np.random.default_rng(5).integers(0, 256, (SIZE[1], SIZE[0], 4)) / np.float32(255)
+    if opaque:
+        pixels[..., 3] = 1.0
+    return pixels.astype(np.float32)
+
+
+def make_image(is_float: bool = False, opaque: bool = True, space: str = "") -> Any:
+    image = bpy.data.images.new("Image", *SIZE, alpha=True, float_buffer=is_float)
+    if space:  # a change of space loads the image anew
+        image.colorspace_settings.name = space
+    image.pixels.foreach_set(make_pixels(opaque).ravel())
+    image.update()
+    return image
+
+
+def test_bytes_stay_bytes_and_floats_floats(warnings: WarningList) -> None:
+    found = extract_image(make_image(), place(warnings))
+    assert (found.pixels.dtype, found.encoding) == (np.uint8, "srgb")
+    assert_array_equal(found.pixels, np.rint(make_pixels() * 255))
+    found = extract_image(make_image(is_float=True), place(warnings))
+    assert (found.pixels.dtype, found.encoding) == (np.float32, "linear")
+    assert_array_equal(found.pixels, make_pixels())
+
+
+def test_row_0_is_the_lowest(warnings: WarningList) -> None:
+    image = bpy.data.images.new("Image", 1, 2)
+    image.pixels.foreach_set([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0])  # Blender's rows run upwards
+    assert_array_equal(extract_image(image, place(warnings)).pixels[:, 0, 0], (255, 0))
+
+
+def test_data_is_not_decoded(warnings: WarningList) -> None:
+    image = make_image(opaque=False, space="Non-Color")
+    found = extract_image(image, place(warnings))
+    assert found.encoding == "linear"
+    assert_array_equal(found.pixels, np.rint(make_pixels(opaque=False) * 255))
+
+
+def test_an_image_is_read_once(warnings: WarningList) -> None:
+    images, image = ImageTable(), make_image()
+    assert images.find_image(image, "Node", place(warnings)) is images.find_image(image, "Other", place(warnings))
+
+
+def test_a_missing_file_is_named(warnings: WarningList) -> None:
+    image = bpy.data.images.new("Lost", 1, 1)
+    image.source, image.filepath = "FILE", "//nowhere.png"
+    image.reload()
+    assert ImageTable().find_image(image, "Node", place(warnings)) is None
+    (warning,) = warnings.records
+    assert "node 'Node': image 'Lost' is missing, magenta is shown" in warning.text
+    assert (warning.object, warning.material) == ("Object", "Material")
+
+
+def test_an_unknown_space_is_named_and_read_as_srgb(warnings: WarningList) -> None:
+    image = make_image(space="Filmic Log")
+    assert extract_image(image, place(warnings)).encoding == "srgb"
+    assert "color space 'Filmic Log' is not supported, read as sRGB" in warnings.records[0].text
+
+
+def test_bytes_times_alpha_round_down() -> None:
+    pixels = np.array([[[255, 100, 1, 128], [7, 8, 9, 255]]], np.uint8)
+    assert_array_equal(associate(pixels), [[[128, 50, 0, 128], [7, 8, 9, 255]]])
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_missing_channels_are_filled(channels: int) -> None:
+    found = read_floats(np.full((1, 1, channels), 0.5, np.float32))
+    assert_array_equal(found, [[[0.5, 0.5, 0.5, 0.5 if channels == 4 else 1.0]]])
+
+
+# Color spaces --------------------------------------------------------------------------------------------------------
+
+
+def test_the_working_space_is_itself() -> None:
+    color = np.array([[0.1, 0.5, 0.9]], np.float32)
+    assert_allclose(find_decoder("Linear Rec.709")(color), color, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name, (primaries, _) in LINEAR_SPACES.items() if primaries])
+def test_white_stays_white(name: str) -> None:
+    assert_allclose(find_decoder(name)(np.ones((1, 3), np.float32)), 1.0, atol=1e-9)
+
+
+def test_the_matrix_of_rec_709_is_the_published_one() -> None:
+    """IEC 61966-2-1, to the four digits that it gives."""
+    published = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    assert_allclose(xyz_from_linear(REC709, (0.3127, 0.3290)), published, atol=1e-4)
+
+
+def test_display_p3_has_the_curve_of_srgb() -> None:
+    grey = np.full((1, 3), 0.5, np.float32)
+    assert_allclose(find_decoder("Display P3")(grey), decode_srgb(np.array(0.5)), rtol=1e-6)
+
+
+# Files, against Cycles -----------------------------------------------------------------------------------------------
+
+# Format, settings, and how far Cycles' own reader may be off Blender's: lossy formats decode alike but for rounding.
+FORMATS = {
+    "PNG": ({"color_mode": "RGB", "color_depth": "8"}, 1e-4),
+    "PNG with alpha": ({"color_mode": "RGBA", "color_depth": "8"}, 1e-4),
+    "PNG grey": ({"color_mode": "BW", "color_depth": "8"}, 1e-4),
+    "TIFF": ({"color_mode": "RGB", "color_depth": "8"}, 1e-4),
+    "BMP": ({"color_mode": "RGB"}, 1e-4),
+    "TARGA": ({"color_mode": "RGB"}, 1e-4),
+    "JPEG": ({"color_mode": "RGB", "quality": 100}, 1e-4),
+    "WEBP": ({"color_mode": "RGB", "quality": 100}, 1e-4),
+    "OPEN_EXR": ({"color_mode": "RGB", "color_depth": "32"}, 1e-4),
+    "OPEN_EXR half": ({"color_mode": "RGB", "color_depth": "16"}, 1e-4),
+    "HDR": ({"color_mode": "RGB"}, 1e-4),
+}
+
+
+def save_file(folder: Path, name: str) -> Any:
+    """Write the pixels to a file of a format, and return an image that reads it."""
+    settings = bpy.context.scene.render.image_settings
+    set_image_format(settings, name.split(" ")[0])
+    for key, value in FORMATS[name][0].items():
+        setattr(settings, key, value)
+    path = folder / f"{name}.image"
+    image = make_image(is_float=name.startswith(("OPEN_EXR", "HDR")), opaque="alpha" not in name)
+    image.save_render(str(path), scene=bpy.context.scene)
+    return bpy.data.images.load(str(path))
+
+
+@pytest.mark.usefixtures("registered_addon")
+def test_files_look_as_in_cycles(empty_scene: Any, tmp_path: Path, record_property: Any) -> None:
+    empty_scene.view_settings.view_transform = "Standard"
+    images = {name: save_file(tmp_path, name) for name in FORMATS}
+
+    def show(image: Any) -> Any:
+        return lambda tree: add_node(tree, "ShaderNodeTexImage", image=image, interpolation="Closest").outputs["Color"]
+
+    differences, _, warnings = measure_differences(empty_scene, {name: show(image) for name, image in images.items()})
+    record_property("largest_difference", differences)
+    assert not warnings
+    assert {name: value for name, value in differences.items() if value > FORMATS[name][1]} == {}
+
+
+@pytest.mark.usefixtures("registered_addon")
+def test_a_missing_image_is_magenta_as_in_cycles(empty_scene: Any) -> None:
+    image = bpy.data.images.new("Lost", 1, 1)
+    image.source, image.filepath = "FILE", "//nowhere.png"
+    image.reload()
+
+    def show(tree: Any) -> Any:
+        return add_node(tree, "ShaderNodeTexImage", image=image).outputs["Color"]
+
+    differences, pictures, warnings = measure_differences(empty_scene, {"lost": show})
+    assert differences["lost"] < 1e-6
+    assert_allclose(pictures["lost"][0][0, 0], (1.0, 0.0, 1.0), atol=1e-6)
+    assert ["missing" in str(warning) for warning in warnings] == [True]

@@ -1,0 +1,299 @@
+"""Node graphs to programs: what is read, folded, left out and named; and the attributes that materials read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from addon import versions
+from addon.extract.scene import Extraction, extract_scene
+from addon.versions import find_node_tree
+from raytracer import Closure, Material, Program, Register
+from tests.addon.against_cycles.node_fixtures import add_node, make_tilted_plane
+
+pytestmark = pytest.mark.blender
+
+
+@pytest.fixture
+def shown(scene_with_camera: Any) -> Any:
+    """Return an object of a plane with uvs, colors and attributes."""
+    plane = bpy.data.objects.new("Object", make_tilted_plane("Mesh"))
+    scene_with_camera.collection.objects.link(plane)
+    return plane
+
+
+@pytest.fixture
+def tree(shown: Any) -> Any:
+    """Return the nodes of a new material on the object: an output, and an emission that feeds it."""
+    return make_tree(shown, "Material")
+
+
+def make_tree(shown: Any, name: str) -> Any:
+    material = bpy.data.materials.new(name)
+    if versions.VERSION < (5, 0):
+        material.use_nodes = True
+    shown.data.materials.append(material)
+    tree = find_node_tree(material)
+    tree.nodes.clear()
+    output, emission = tree.nodes.new("ShaderNodeOutputMaterial"), tree.nodes.new("ShaderNodeEmission")
+    tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    return tree
+
+
+def show(tree: Any, socket: Any) -> None:
+    """Let the emission shine with what a socket gives."""
+    tree.links.new(socket, tree.nodes["Emission"].inputs["Color"])
+
+
+def extract() -> Extraction:
+    return extract_scene(bpy.context.evaluated_depsgraph_get())
+
+
+def extract_material() -> Material:
+    return extract().scene.materials[0]
+
+
+def extract_color() -> Any:
+    (closure,) = extract_material().closures
+    return closure.color
+
+
+def operations() -> list[str]:
+    program = extract_material().program
+    return [] if program is None else [step.operation for step in program.steps]
+
+
+def texts() -> list[str]:
+    return [str(warning) for warning in extract().warnings]
+
+
+def math(tree: Any, first: Any, second: Any, operation: str = "ADD") -> Any:
+    return add_node(tree, "ShaderNodeMath", {"Value": first, "Value_001": second}, operation=operation).outputs[0]
+
+
+def uv(tree: Any) -> Any:
+    return tree.nodes.new("ShaderNodeUVMap").outputs[0]
+
+
+# Folding -------------------------------------------------------------------------------------------------------------
+
+
+def test_constants_fold_through_nodes_and_conversions(tree: Any) -> None:
+    value = math(tree, math(tree, 1.0, 2.0), 0.5, "MULTIPLY")
+    show(tree, add_node(tree, "ShaderNodeGamma", {"Color": value, "Gamma": 2.0}).outputs[0])
+    assert_allclose(extract_color(), 2.25)
+    assert extract_material().program is None
+    assert not texts()
+
+
+def test_only_what_varies_becomes_steps(tree: Any) -> None:
+    constant = add_node(tree, "ShaderNodeRGBToBW", {"Color": (0.5, 0.5, 0.5, 1.0)}).outputs[0]
+    show(tree, math(tree, add_node(tree, "ShaderNodeSeparateXYZ", {"Vector": uv(tree)}).outputs[0], constant))
+    assert operations() == ["ATTRIBUTE Vector", "SEPXYZ", "MATH", "number to vector"]
+    assert_allclose(extract_material().program.steps[2].inputs[1], 0.5, rtol=1e-6)
+
+
+def test_what_nothing_reads_is_not_visited(tree: Any, shown: Any) -> None:
+    """A node beside the graph, an output that nothing uses, a mix of weight 0: no step, no warning, no attribute."""
+    tree.nodes.new("ShaderNodeBevel")
+    attribute = add_node(tree, "ShaderNodeAttribute", attribute_name="number")
+    tree.links.new(attribute.outputs["Fac"], tree.nodes.new("ShaderNodeGamma").inputs["Gamma"])
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    mix.inputs[0].default_value = 0.0
+    tree.links.new(tree.nodes["Emission"].outputs[0], mix.inputs[1])
+    tree.links.new(tree.nodes.new("ShaderNodeBsdfToon").outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    show(tree, uv(tree))
+    assert operations() == ["ATTRIBUTE Vector"]
+    assert set(extract().scene.meshes[0].attributes) == {"uv"}
+    assert not texts()
+
+
+def test_a_node_is_computed_once_however_often_it_is_read(tree: Any) -> None:
+    noise = tree.nodes.new("ShaderNodeTexNoise").outputs["Fac"]
+    show(tree, math(tree, noise, noise, "MULTIPLY"))
+    assert operations().count("TEX_NOISE Fac") == 1
+
+
+def test_muted_nodes_reroutes_and_frames_leave_no_trace(tree: Any) -> None:
+    reroute, gamma = tree.nodes.new("NodeReroute"), tree.nodes.new("ShaderNodeGamma")
+    frame = tree.nodes.new("NodeFrame")
+    gamma.mute, gamma.parent = True, frame
+    tree.links.new(uv(tree), reroute.inputs[0])
+    tree.links.new(reroute.outputs[0], gamma.inputs["Color"])
+    show(tree, gamma.outputs[0])
+    assert operations() == ["ATTRIBUTE Vector"]
+
+
+def make_group(name: str, kind: str) -> tuple[Any, Any, Any]:
+    group = bpy.data.node_groups.new(name, "ShaderNodeTree")
+    group.interface.new_socket("In", in_out="INPUT", socket_type=kind)
+    group.interface.new_socket("Out", in_out="OUTPUT", socket_type=kind)
+    return group, group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+
+
+def test_groups_are_inlined_each_use_with_its_own_inputs(tree: Any) -> None:
+    group, start, end = make_group("Group", "NodeSocketFloat")
+    group.links.new(math(group, start.outputs[0], 10.0, "MULTIPLY"), end.inputs[0])
+    first, second = (add_node(tree, "ShaderNodeGroup", node_tree=group) for _ in range(2))
+    first.inputs[0].default_value = 2.0
+    tree.links.new(add_node(tree, "ShaderNodeSeparateXYZ", {"Vector": uv(tree)}).outputs[0], second.inputs[0])
+    show(tree, math(tree, first.outputs[0], second.outputs[0]))
+    assert operations() == ["ATTRIBUTE Vector", "SEPXYZ", "MATH", "MATH", "number to vector"]
+    assert extract_material().program.steps[3].inputs[0] == 20.0
+
+
+def test_sockets_of_groups_convert(tree: Any) -> None:
+    """A color that passes a socket of numbers is grey afterwards."""
+    group, start, end = make_group("Group", "NodeSocketFloat")
+    group.links.new(start.outputs[0], end.inputs[0])
+    node = add_node(tree, "ShaderNodeGroup", node_tree=group)
+    color = add_node(tree, "ShaderNodeRGB").outputs[0]
+    color.default_value = (1.0, 0.0, 0.0, 1.0)
+    tree.links.new(color, node.inputs[0])
+    show(tree, node.outputs[0])
+    assert_allclose(extract_color(), 0.2126)
+
+
+def test_mix_shader_with_a_computed_factor(tree: Any) -> None:
+    noise = tree.nodes.new("ShaderNodeTexNoise").outputs["Fac"]
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    tree.links.new(noise, mix.inputs[0])
+    tree.links.new(tree.nodes["Emission"].outputs[0], mix.inputs[1])
+    tree.links.new(tree.nodes.new("ShaderNodeBsdfDiffuse").outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    closures = extract_material().closures
+    assert [closure.kind for closure in closures] == ["emission", "diffuse"]
+    assert all(isinstance(closure.weight, Register) for closure in closures)
+
+
+def test_every_parameter_of_a_principled_closure_may_be_computed(tree: Any) -> None:
+    names = {"Base Color": "color", "Metallic": "metallic", "Roughness": "roughness", "IOR": "ior", "Alpha": "alpha"}
+    names |= {"Transmission Weight": "transmission", "Specular IOR Level": "specular", "Normal": "normal"}
+    names |= {"Specular Tint": "specular_tint", "Emission Strength": "emission"}
+    node = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    for name in names:
+        tree.links.new(noise.outputs["Color"], node.inputs[name])
+    tree.links.new(node.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    (closure,) = extract_material().closures
+    assert set(closure.registers) == set(names.values())
+    assert not texts()
+
+
+def test_constant_normals_of_zero_are_none(tree: Any) -> None:
+    node = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(tree.nodes.new("ShaderNodeCombineXYZ").outputs[0], node.inputs["Normal"])
+    tree.links.new(node.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    assert isinstance(extract_material().closures[0], Closure)
+    assert extract_material().closures[0].normal is None
+
+
+def test_bump_runs_its_height_as_a_program_of_its_own(tree: Any) -> None:
+    attribute = add_node(tree, "ShaderNodeAttribute", attribute_name="number").outputs["Fac"]
+    show(tree, add_node(tree, "ShaderNodeBump", {"Height": attribute}).outputs[0])
+    (step,) = [step for step in extract_material().program.steps if step.operation == "BUMP"]
+    assert isinstance(step.settings["height"], Program)
+    assert [inner.operation for inner in step.settings["height"].steps] == ["ATTRIBUTE Fac"]
+    assert set(extract().scene.meshes[0].attributes) == {"number"}
+
+
+# Warnings ------------------------------------------------------------------------------------------------------------
+
+
+def test_an_unknown_node_is_named_and_the_rest_goes_on(tree: Any) -> None:
+    bevel = tree.nodes.new("ShaderNodeWireframe")
+    total = add_node(tree, "ShaderNodeMath", {"Value": bevel.outputs[0], "Value_001": 1.0})
+    total.inputs[0].default_value = 0.25
+    show(tree, total.outputs[0])
+    assert_allclose(extract_color(), 1.25)
+    (text,) = texts()
+    assert text.startswith("material 'Material', object 'Object': node 'Wireframe' (Wireframe) is not supported")
+    assert "'Value' of node 'Math' keeps its own value" in text
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (
+            lambda tree: add_node(tree, "ShaderNodeAmbientOcclusion", {"Distance": 0.0}).outputs["AO"],
+            "nothing occludes",
+        ),
+        (
+            lambda tree: add_node(tree, "ShaderNodeAttribute", attribute_type="OBJECT", attribute_name="x").outputs[0],
+            "attributes of type Object are not supported",
+        ),
+        (
+            lambda tree: add_node(tree, "ShaderNodeTexCoord", from_instancer=True).outputs["UV"],
+            "From Instancer is not supported",
+        ),
+    ],
+)
+def test_what_a_node_lacks_is_named(tree: Any, make: Any, words: str) -> None:
+    show(tree, make(tree))
+    (text,) = texts()
+    assert words in text
+    assert "material 'Material'" in text
+
+
+# Attributes ----------------------------------------------------------------------------------------------------------
+
+
+def read(tree: Any, name: str) -> Any:
+    return add_node(tree, "ShaderNodeAttribute", attribute_name=name).outputs["Color"]
+
+
+def test_attributes_are_read_only_for_materials_that_ask(tree: Any, shown: Any) -> None:
+    show(tree, tree.nodes.new("ShaderNodeObjectInfo").outputs["Location"])
+    scene = extract().scene
+    assert scene.meshes[0].attributes == {}
+    assert scene.meshes[0].uvs is None
+    assert scene.instances.random is None
+    assert scene.instances.color is None
+
+
+def test_object_color_and_random_are_read_where_asked_for(tree: Any, shown: Any) -> None:
+    shown.color = (0.25, 0.5, 0.75, 0.5)
+    show(tree, tree.nodes.new("ShaderNodeObjectInfo").outputs["Color"])
+    assert_array_equal(extract().scene.instances.color, [(0.25, 0.5, 0.75, 0.5)])
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("UVMap", (18, 3, 2)), ("Second", (18, 3, 2)), ("Col", (18, 3, 4)), ("number", (16, 1)), ("face", (18, 3, 3))],
+)
+def test_attributes_come_at_vertices_or_corners(tree: Any, name: str, shape: tuple[int, ...]) -> None:
+    show(tree, read(tree, name))
+    assert extract().scene.meshes[0].attributes[name].shape == shape
+
+
+def test_values_at_corners_belong_to_their_vertices(tree: Any) -> None:
+    show(tree, read(tree, "UVMap"))
+    mesh = extract().scene.meshes[0]
+    assert_allclose(mesh.attributes["UVMap"], mesh.positions[mesh.triangles][..., :2] + 0.5, atol=1e-6)
+
+
+def test_generated_coordinates_span_the_box(tree: Any) -> None:
+    show(tree, tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"])
+    generated = extract().scene.meshes[0].attributes["generated"]
+    assert_allclose(generated.min(axis=0), 0.0, atol=1e-6)
+    assert_allclose(generated.max(axis=0), 1.0, atol=1e-6)
+
+
+def test_left_out_triangles_leave_out_their_values(tree: Any, shown: Any) -> None:
+    shown.data.vertices[0].co = (np.nan, 0.0, 0.0)
+    show(tree, read(tree, "Second"))
+    mesh = extract().scene.meshes[0]
+    assert len(mesh.attributes["Second"]) == len(mesh.triangles) < 18
+
+
+def test_two_materials_on_one_mesh_read_both_their_attributes(tree: Any, shown: Any) -> None:
+    show(tree, read(tree, "number"))
+    second = make_tree(shown, "Second material")
+    show(second, read(second, "face"))
+    shown.data.polygons[0].material_index = 1
+    assert set(extract().scene.meshes[0].attributes) == {"number", "face"}

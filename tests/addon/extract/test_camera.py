@@ -1,0 +1,100 @@
+"""Primary rays against Blender's own camera: the view frame and the projection matrix, which are float32."""
+
+import itertools
+
+import bpy
+import numpy as np
+import pytest
+
+from raytracer.film.camera import primary_rays
+from raytracer.scene.camera import Camera
+
+pytestmark = pytest.mark.blender
+
+# The matrix and the frame come from float32 chains of about 8 operations.
+FLOAT32_CHAIN = 8 * np.finfo(np.float32).eps
+
+SIZES = [(640, 480), (480, 640), (500, 500), (1000, 37)]
+ASPECTS = [(1.0, 1.0), (1.5, 1.0), (1.0, 2.25)]
+FITS = ["AUTO", "HORIZONTAL", "VERTICAL"]
+SHIFTS = [(0.0, 0.0), (0.3, -0.7)]
+
+
+@pytest.fixture
+def blender_camera():
+    """A camera object of its own in the current scene, away from the origin and turned."""
+    data = bpy.data.cameras.new("test camera")
+    camera = bpy.data.objects.new("test camera", data)
+    bpy.context.scene.collection.objects.link(camera)
+    camera.location = (1.0, 2.0, 3.0)
+    camera.rotation_euler = (0.5, 0.25, 1.0)
+    data.sensor_width, data.sensor_height, data.lens, data.ortho_scale = 30.0, 20.0, 35.0, 7.0
+    data.clip_start, data.clip_end = 0.25, 50.0
+    yield camera
+    bpy.data.objects.remove(camera)
+    bpy.data.cameras.remove(data)
+
+
+def set_up(camera, kind, fit, aspect, shift) -> Camera:
+    """Give both cameras the same settings."""
+    data, render = camera.data, bpy.context.scene.render
+    data.type, data.sensor_fit = kind, fit
+    data.shift_x, data.shift_y = shift
+    render.pixel_aspect_x, render.pixel_aspect_y = aspect
+    return Camera(
+        world_from_camera=np.eye(4),
+        projection={"PERSP": "perspective", "ORTHO": "orthographic"}[kind],
+        focal_length=data.lens,
+        sensor_width=data.sensor_width,
+        sensor_height=data.sensor_height,
+        sensor_fit=fit.lower(),
+        ortho_scale=data.ortho_scale,
+        shift_x=data.shift_x,
+        shift_y=data.shift_y,
+        clip_start=data.clip_start,
+        clip_end=data.clip_end,
+        pixel_aspect=render.pixel_aspect_x / render.pixel_aspect_y,
+    )
+
+
+def corner_points(camera: Camera, width: int, height: int, depth: float) -> np.ndarray:
+    """(4, 3) points at `depth` in camera space, counter-clockwise from the lower left corner of the picture."""
+    x, y = np.array([0.0, width, width, 0.0]), np.array([0.0, 0.0, height, height])
+    rays = primary_rays(camera, width, height, x, y)
+    return rays.origins + depth * rays.directions
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+@pytest.mark.parametrize("fit", FITS)
+def test_corners_project_to_the_corners_of_blenders_picture(blender_camera, kind, fit):
+    for (width, height), aspect, shift in itertools.product(SIZES, ASPECTS, SHIFTS):
+        camera = set_up(blender_camera, kind, fit, aspect, shift)
+        projection = np.array(
+            blender_camera.calc_matrix_camera(
+                bpy.context.evaluated_depsgraph_get(), x=width, y=height, scale_x=aspect[0], scale_y=aspect[1]
+            ),
+            dtype=np.float64,
+        )
+        for depth, plane in ((camera.clip_start, -1.0), (camera.clip_end, 1.0)):
+            points = np.concatenate([corner_points(camera, width, height, depth), np.ones((4, 1))], axis=1)
+            clip = points @ projection.T
+            # Terms of about this size cancel in the projection, each rounded to float32.
+            size = (np.abs(points) @ np.abs(projection).T)[:, :3] / clip[:, 3:]
+            expected = [[-1, -1, plane], [1, -1, plane], [1, 1, plane], [-1, 1, plane]]
+            assert (np.abs(clip[:, :3] / clip[:, 3:] - expected) <= FLOAT32_CHAIN * size).all()
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+@pytest.mark.parametrize("fit", FITS)
+def test_corners_lie_on_blenders_view_frame(blender_camera, kind, fit):
+    render = bpy.context.scene.render
+    before = render.resolution_x, render.resolution_y
+    for (width, height), aspect, shift in itertools.product(SIZES, ASPECTS, SHIFTS):
+        camera = set_up(blender_camera, kind, fit, aspect, shift)
+        render.resolution_x, render.resolution_y = width, height
+        frame = np.array(blender_camera.data.view_frame(scene=bpy.context.scene), dtype=np.float64)
+        # Blender lists upper right, lower right, lower left, upper left.
+        frame = frame[[2, 1, 0, 3]]
+        points = corner_points(camera, width, height, -frame[0, 2])
+        assert np.allclose(points, frame, rtol=0, atol=FLOAT32_CHAIN * np.abs(frame).max())
+    render.resolution_x, render.resolution_y = before

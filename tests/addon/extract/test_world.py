@@ -1,0 +1,75 @@
+"""Worlds: a color or a program, and one clear warning for what is not supported."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from addon import versions
+from raytracer.lights.environment import find_environment, make_environment
+from raytracer.scene.programs import Register
+from raytracer.shading.site import LightPath
+from tests.addon.extract.shaders.shader_trees import add, clear_nodes, extract, texts
+
+pytestmark = pytest.mark.blender
+
+
+def test_no_world_is_black(shown: Any) -> None:
+    assert bpy.context.scene.world is None
+    assert extract().scene.world is None
+
+
+@pytest.fixture
+def world_tree(shown: Any) -> Any:
+    bpy.context.scene.world = bpy.data.worlds.new("World")
+    return clear_nodes(bpy.context.scene.world, "ShaderNodeOutputWorld")
+
+
+def test_world_is_background_color_times_strength(world_tree: Any) -> None:
+    add(world_tree, "ShaderNodeBackground", Color=(1, 0.5, 0.25, 1), Strength=2)
+    assert_array_equal(extract().scene.world.color, (2, 1, 0.5))
+    assert not texts()
+
+
+def test_world_without_shader_is_black(world_tree: Any) -> None:
+    assert extract().scene.world is None
+
+
+def test_world_that_varies_has_a_program(world_tree: Any) -> None:
+    background = add(world_tree, "ShaderNodeBackground", Strength=2)
+    coordinate = world_tree.nodes.new("ShaderNodeTexCoord")
+    world_tree.links.new(coordinate.outputs["Generated"], background.inputs["Color"])
+    world = extract().scene.world
+    assert [step.operation for step in world.program.steps] == ["ATTRIBUTE Vector", "VECT_MATH Vector"]
+    assert world.color == Register(1, "Vector")
+    assert not texts()
+
+
+def test_world_hidden_from_the_camera_is_black_to_it(world_tree: Any) -> None:
+    add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
+    bpy.context.scene.world.cycles_visibility.camera = False
+    environment = make_environment(extract().scene.world, None, (4, 3))
+    up = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    found = find_environment(environment, up, LightPath({"camera": np.array([1.0, 0.0])}))
+    assert_array_equal(found, [(0, 0, 0), (0.25, 0.5, 1)])
+
+
+def test_sky_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
+    background = add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
+    sky = world_tree.nodes.new("ShaderNodeTexSky")
+    sky.sky_type = "PREETHAM"
+    world_tree.links.new(sky.outputs[0], background.inputs["Color"])
+    assert_array_equal(extract().scene.world.color, (0.25, 0.5, 1))
+    (text,) = texts()
+    assert text.startswith("world 'World': node 'Sky Texture'")
+
+
+@pytest.mark.skipif(versions.VERSION >= (5, 0), reason="worlds always have nodes since Blender 5.0")
+def test_world_without_nodes_has_its_color(shown: Any) -> None:
+    bpy.context.scene.world = bpy.data.worlds.new("World")
+    bpy.context.scene.world.color = (0.25, 0.5, 1)
+    assert_array_equal(extract().scene.world.color, (0.25, 0.5, 1))

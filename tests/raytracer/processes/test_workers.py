@@ -1,0 +1,264 @@
+"""Worker processes: order, sharing, errors, and that nothing is left behind."""
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from raytracer.processes.python import ONE_THREAD
+from raytracer.processes.workers import WorkerError, Workers
+from tests.folders import ROOT
+
+# Workers import this by name: it stands in for what the renderer loads.
+FUNCTIONS = """
+    import os
+    import sys
+    import time
+
+    class Scale:
+        def __init__(self, array, factor=1):
+            self.array, self.factor = array, factor
+
+        def __call__(self, job):
+            return self.array[job] * self.factor
+
+    class Look:
+        def __init__(self, *contents):
+            self.contents = contents
+
+        def __call__(self, job):
+            if job == "read-only":
+                flags = [content.flags for content in self.contents]
+                return [index for index, flag in enumerate(flags[:-1]) if not flag.writeable]
+            return self.contents[job]
+
+    def fail_to_load():
+        raise ValueError("no such scene")
+
+    def make(name):
+        return globals()[name]
+
+    def sleep_less_later(job):
+        time.sleep(0.05 / (1 + job))
+        return job
+
+    def sleep_long(job):
+        time.sleep(60)
+
+    def fail(job):
+        raise ValueError(f"job {job} is wrong")
+
+    def exit_suddenly(job):
+        if job == 3:
+            os._exit(7)
+        return job
+
+    def print_much(job):
+        print("noise" * 1000)
+        return job
+
+    def tell_environment(job):
+        return dict(os.environ), sorted(sys.modules), sys.path
+"""
+
+
+@pytest.fixture
+def functions(tmp_path, monkeypatch):
+    """Return a module that workers can import, from a folder that only this process's sys.path tells of."""
+    (tmp_path / "worker_functions.py").write_text(textwrap.dedent(FUNCTIONS))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    sys.modules.pop("worker_functions", None)
+    import worker_functions  # type: ignore[import-not-found]
+
+    yield worker_functions
+    sys.modules.pop("worker_functions", None)
+
+
+def is_running(process_id: int) -> bool:
+    try:
+        os.kill(process_id, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_results_come_in_the_order_of_the_jobs(functions):
+    with Workers(2) as workers:
+        workers.load(functions.make, "sleep_less_later")
+        assert list(workers.run(range(20))) == list(range(20))
+        assert list(workers.run([])) == []
+
+
+def test_arrays_arrive_unchanged_and_read_only(functions):
+    array = np.arange(1000.0).reshape(10, 100)
+    contents = [array, np.asfortranarray(array), array[::3, ::2], np.zeros((0, 3)), np.array([True]), np.float64(2.5)]
+    with Workers(2) as workers:
+        workers.load(functions.Look, *contents)
+        for got, sent in zip(workers.run(range(len(contents))), contents, strict=True):
+            assert np.array_equal(got, sent)
+            assert got.dtype == sent.dtype
+        # Those that are contiguous lie in the shared file.
+        assert next(workers.run(["read-only"])) == [0, 1, 3, 4]
+        workers.load(functions.Look, contents[3])  # nothing to share at all
+        assert next(workers.run([0])).shape == (0, 3)
+
+
+def test_workers_can_be_loaded_again(functions):
+    with Workers(2) as workers:
+        ids = workers.process_ids
+        for factor in (2, 3):
+            workers.load(functions.Scale, np.arange(5), factor)
+            assert list(workers.run(range(5))) == [factor * number for number in range(5)]
+        assert workers.process_ids == ids
+
+
+def test_jobs_are_read_only_a_few_ahead_of_results(functions):
+    jobs = itertools.count()
+    with Workers(2) as workers:
+        workers.load(functions.make, "sleep_less_later")
+        results = workers.run(jobs)
+        assert [next(results) for _ in range(3)] == [0, 1, 2]
+        results.close()
+        assert next(jobs) < 3 + 2 * 2 + 1 + 1
+
+
+def test_cancelling_stops_at_once_and_workers_go_on_living(functions):
+    with Workers(2) as workers:
+        workers.load(functions.make, "sleep_less_later")
+        asked = itertools.count()
+        assert len(list(workers.run(range(1000), lambda: next(asked) >= 5))) <= 5
+        assert list(workers.run(range(4))) == [0, 1, 2, 3]
+
+
+def test_closing_ends_processes_that_are_busy(functions):
+    with Workers(2) as workers:
+        workers.load(functions.make, "sleep_long")
+        ids = workers.process_ids
+        assert all(is_running(process_id) for process_id in ids)
+        assert list(workers.run(range(9), lambda: True)) == []
+    assert not any(is_running(process_id) for process_id in ids)
+
+
+def test_error_in_a_worker_is_one_sentence_with_its_traceback_as_a_note(functions):
+    with Workers(2) as workers:
+        workers.load(functions.make, "fail")
+        with pytest.raises(WorkerError) as caught:
+            list(workers.run(range(9)))
+        assert str(caught.value) == "a worker process failed: ValueError: job 0 is wrong"
+        assert "Traceback" in caught.value.__notes__[0]
+        with pytest.raises(WorkerError, match="a worker process failed: ValueError: no such scene"):
+            workers.load(functions.fail_to_load)
+
+
+def test_worker_that_dies_gives_one_error_and_no_hang(functions):
+    with Workers(2) as workers:
+        workers.load(functions.make, "exit_suddenly")
+        ids = workers.process_ids
+        with pytest.raises(WorkerError, match=r"^a worker process ended unexpectedly \(exit code 7\)$"):
+            list(workers.run(range(100)))
+    assert not any(is_running(process_id) for process_id in ids)
+
+
+def test_killed_workers_give_one_error_and_no_hang(functions):
+    with Workers(2) as workers:
+        workers.load(functions.make, "sleep_long")
+        for process_id in workers.process_ids:
+            os.kill(process_id, signal.SIGKILL)
+        with pytest.raises(WorkerError, match=r"^a worker process ended unexpectedly \(exit code -9\)$"):
+            list(workers.run(range(100)))
+        with pytest.raises(WorkerError, match="ended unexpectedly"):
+            workers.load(functions.make, "sleep_long")
+
+
+def test_what_workers_print_does_not_mix_with_their_answers(functions):
+    with Workers(1) as workers:
+        workers.load(functions.make, "print_much")
+        assert list(workers.run(range(3))) == [0, 1, 2]
+
+
+def test_workers_use_one_thread_and_neither_bpy_nor_the_working_directory(functions, tmp_path, monkeypatch):
+    trap = tmp_path / "trap"
+    trap.mkdir()
+    (trap / "random.py").write_text("raise SystemExit('imported from the working directory')")
+    monkeypatch.chdir(trap)
+    with Workers(1) as workers:
+        workers.load(functions.make, "tell_environment")
+        environment, modules, path = next(workers.run([0]))
+    assert ONE_THREAD.items() <= environment.items()
+    assert "bpy" not in modules
+    assert str(trap) not in path
+
+
+def test_no_files_are_left_behind(functions, tmp_path, monkeypatch):
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    with Workers(2) as workers:
+        workers.load(functions.Scale, np.arange(1000.0))
+        assert [path for path in folder.rglob("*") if path.is_file()] == []
+        assert list(workers.run([5])) == [5.0]
+    assert list(folder.iterdir()) == []
+
+
+def test_script_without_main_guard_is_not_run_again(functions, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent("""
+            print("script runs", flush=True)
+            import worker_functions
+            from raytracer.workers import Workers
+            with Workers(2) as workers:
+                workers.load(worker_functions.make, "sleep_less_later")
+                print(sum(workers.run(range(10))))
+        """)
+    )
+    paths = os.pathsep.join([str(ROOT), str(tmp_path)])
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "script runs\n45\n"
+    assert done.stderr == ""
+
+
+def test_workers_end_when_their_parent_is_killed(functions, tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(
+        textwrap.dedent("""
+            import time
+            from raytracer.workers import Workers
+            print(*Workers(2).process_ids, flush=True)
+            time.sleep(60)
+        """)
+    )
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
+    with subprocess.Popen([sys.executable, str(script)], env=environment, stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        ids = [int(word) for word in parent.stdout.readline().split()]
+        assert len(ids) == 2
+        parent.kill()
+    # Whoever adopts them reaps them; a zombie still answers to its id, so its state decides.
+    for process_id in ids:
+        wait_until_gone(process_id)
+
+
+def wait_until_gone(process_id: int) -> None:
+    """Return once the process has ended (reaped or not); the test run's own timeout is the limit."""
+    state = Path(f"/proc/{process_id}/stat")
+    while state.exists():
+        try:
+            if state.read_text().rpartition(")")[2].split()[0] == "Z":
+                return
+        except (FileNotFoundError, ProcessLookupError):
+            return
+        time.sleep(0.01)

@@ -1,0 +1,323 @@
+"""The render loop, around an integrator that only reports what it was given: its pictures are known exactly."""
+
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from raytracer.casting.rays import Rays
+from raytracer.film.passes import PASSES
+from raytracer.integrator.settings import Settings
+from raytracer.processes.workers import Workers
+from raytracer.rendering import blocks
+from raytracer.rendering.blocks import SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_view
+from raytracer.rendering.render import render
+from raytracer.sampling.sobol import PixelSamples
+from raytracer.scene.camera import Camera
+from raytracer.scene.lights import AreaLight, World
+from raytracer.scene.materials import Closure, Material
+from raytracer.scene.scene import Scene
+from raytracer.scene.shapes import Mesh, Spheres
+
+CAMERA = Camera(world_from_camera=np.eye(4), projection="orthographic", ortho_scale=16.0)
+SCENE = Scene(camera=CAMERA)
+WIDTH, HEIGHT = 16, 12
+
+
+@dataclass
+class Recorder:
+    """An integrator that notes what it is asked, and returns the ray's position on the film plane in every pass."""
+
+    settings: list[Settings] = field(default_factory=list)
+    rays: list[Rays] = field(default_factory=list)
+    samples: list[PixelSamples] = field(default_factory=list)
+    casts_per_block: int = 1
+
+    def prepare(self, scene, caster, settings, frame, take_part):
+        self.settings.append(settings)
+        return caster, settings.passes
+
+    def trace(self, integrator, rays, samples):
+        caster, names = integrator
+        for _ in range(self.casts_per_block):
+            caster.any_hit(rays.origins, rays.directions)
+        self.rays.append(rays)
+        self.samples.append(samples)
+        values = np.column_stack([rays.origins[:, :2], samples.uniform_pair(0)])
+        return {name: values[:, : PASSES[name].channels] for name in names}
+
+    def offsets(self) -> np.ndarray:
+        """(n, 2) distance of every ray from the centre of its pixel, pixels: the film is 1 m per pixel."""
+        pixel = np.concatenate([samples.pixel for samples in self.samples])
+        position = np.concatenate([rays.origins[:, :2] for rays in self.rays])
+        return position - np.column_stack([pixel % WIDTH + 0.5 - WIDTH / 2, pixel // WIDTH + 0.5 - HEIGHT / 2])
+
+
+class NoCaster:
+    """Stands in for a caster: nothing is ever hit."""
+
+    def any_hit(self, origins, directions):
+        return np.zeros(len(origins), dtype=bool)
+
+
+@pytest.fixture
+def recorder(monkeypatch):
+    recorder = Recorder()
+    monkeypatch.setattr(blocks, "prepare", recorder.prepare)
+    monkeypatch.setattr(blocks, "trace", recorder.trace)
+    return recorder
+
+
+def render_recorded(samples=4, **keywords):
+    return render(SCENE, WIDTH, HEIGHT, samples, caster=NoCaster(), **keywords)
+
+
+def test_picture_shows_the_film_plane_upright(recorder):
+    film = render_recorded(1, filter_width=0.0)
+    x, y = film["Combined"][..., 0], film["Combined"][..., 1]
+    assert np.array_equal(x, np.tile(np.arange(-7.5, 8), (12, 1)))
+    assert np.array_equal(y, np.tile(np.arange(5.5, -6, -1)[:, np.newaxis], (1, 16)))
+
+
+@pytest.mark.parametrize("block_size", [1, 7, 100, 192, 10**6])
+def test_picture_is_the_same_for_any_block_size(recorder, block_size):
+    expected = render_recorded(seed=3)["Combined"]
+    assert np.array_equal(render_recorded(seed=3, block_size=block_size)["Combined"], expected)
+
+
+@pytest.mark.parametrize("border", [(0, 0, 16, 12), (3, 2, 10, 11), (15, 0, 16, 1), (0, 11, 16, 12)])
+def test_border_is_the_crop_of_the_full_picture(recorder, border):
+    x_min, y_min, x_max, y_max = border
+    full = render_recorded(passes=("Combined", "Depth"))
+    part = render_recorded(passes=("Combined", "Depth"), border=border)
+    for name in ("Combined", "Depth"):
+        assert np.array_equal(part[name], full[name][HEIGHT - y_max : HEIGHT - y_min, x_min:x_max])
+    assert part.statistics.rays == (x_max - x_min) * (y_max - y_min) * 5
+
+
+def test_another_seed_is_another_picture(recorder):
+    assert (render_recorded(seed=1)["Combined"] != render_recorded(seed=2)["Combined"]).any()
+
+
+def test_first_samples_of_a_longer_render_are_those_of_a_shorter_one(recorder):
+    seen = {}
+    one_sample_at_a_time = WIDTH * HEIGHT
+    render_recorded(
+        8,
+        block_size=one_sample_at_a_time,
+        on_pass=lambda film, done, total: seen.setdefault(done, film["Combined"]),
+    )
+    for samples in range(1, 9):
+        assert np.array_equal(render_recorded(samples)["Combined"], seen[samples])
+
+
+def test_small_pictures_take_several_samples_at_a_time(recorder):
+    seen = []
+    render_recorded(200, block_size=50 * WIDTH * HEIGHT, on_pass=lambda film, done, total: seen.append((done, total)))
+    assert seen == [(50, 200), (100, 200), (150, 200), (200, 200)]
+    assert [len(rays) for rays in recorder.rays] == [50 * WIDTH * HEIGHT] * 4
+
+
+@pytest.mark.parametrize(
+    ("fields", "reach"), [({}, 1.5), ({"filter_width": 0.01}, 0.01), ({"pixel_filter": "box"}, 0.5)]
+)
+def test_rays_fill_the_pixel_filter(recorder, fields, reach):
+    render_recorded(64, **fields)
+    offsets = recorder.offsets()
+    # Positions are differences of numbers up to 8.
+    assert np.abs(offsets).max() <= reach + 16 * np.finfo(np.float64).eps
+    assert (np.abs(offsets).max(axis=0) > 0.8 * reach).all()
+    assert abs(np.corrcoef(offsets.T)[0, 1]) < 5 / np.sqrt(len(offsets))
+    # Five standard deviations of the mean, at most those of the uniform distribution, reach / sqrt(3) a sample.
+    assert np.abs(offsets.mean(axis=0)).max() < 5 * reach / np.sqrt(3 * len(offsets))
+
+
+def test_filter_samples_are_independent_of_the_integrators(recorder):
+    render_recorded(64)
+    offsets = recorder.offsets()
+    for dimension in range(4):
+        pairs = np.concatenate([samples.uniform_pair(dimension) for samples in recorder.samples])
+        for offset, values in itertools.product(offsets.T, pairs.T):
+            assert abs(np.corrcoef(offset, values)[0, 1]) < 5 / np.sqrt(len(offsets))
+
+
+def test_depth_comes_from_the_pixels_centre_and_changes_nothing_else(recorder):
+    expected = render_recorded()["Combined"]
+    film = render_recorded(passes=("Combined", "Depth"))
+    assert np.array_equal(film["Combined"], expected)
+    assert np.array_equal(film["Depth"][..., 0], np.tile(np.arange(-7.5, 8), (12, 1)))
+    assert [settings.passes for settings in recorder.settings[1:]] == [("Combined",), ("Depth",)]
+
+
+def test_centre_passes_alone_take_one_ray_per_pixel(recorder):
+    calls = []
+    film = render_recorded(
+        64, passes=("Depth", "Position"), on_pass=lambda film, done, total: calls.append((done, total))
+    )
+    assert film.statistics.rays == WIDTH * HEIGHT
+    assert calls == [(1, 1)]
+    assert not film.cancelled
+
+
+def test_callbacks_tell_every_pass_and_block(recorder):
+    passes, shares = [], []
+    film = render_recorded(
+        3,
+        block_size=100,
+        on_pass=lambda film, done, total: passes.append((film.samples, done, total)),
+        on_progress=shares.append,
+    )
+    assert passes == [(1, 1, 3), (2, 2, 3), (3, 3, 3)]
+    assert shares == [(192 * done + part) / 576 for done in range(3) for part in (96, 192)]
+    assert (film.samples, film.cancelled) == (3, False)
+    assert film.statistics.rays == 576
+    assert film.statistics.trace_seconds > 0
+
+
+def test_cancelling_returns_the_film_so_far(recorder):
+    asked = itertools.count()
+    film = render_recorded(9, block_size=100, is_cancelled=lambda: next(asked) >= 5, seed=1)
+    assert (film.samples, film.cancelled) == (2, True)
+    assert film.statistics.rays == 2 * 192 + 96
+    # Two samples everywhere and a third in the first block, which is the lower part of the picture.
+    two, three = render_recorded(2, seed=1)["Combined"], render_recorded(3, seed=1)["Combined"]
+    has_three = np.zeros(192, dtype=bool)
+    has_three[:96] = True
+    has_three = has_three.reshape(12, 16)[::-1, :, np.newaxis]
+    assert np.array_equal(film["Combined"], np.where(has_three, three, two))
+
+
+def test_cancelling_is_noticed_in_the_middle_of_a_block(recorder):
+    """An integrator casts many times for one block; the first cast after the user's Esc ends it."""
+    recorder.casts_per_block = 10
+    asked = itertools.count()
+    film = render_recorded(block_size=WIDTH * HEIGHT, is_cancelled=lambda: next(asked) >= 13)
+    assert next(asked) == 14
+    assert (film.samples, film.cancelled) == (1, True)
+
+
+def test_cancelling_before_the_start_returns_an_empty_film(recorder):
+    film = render_recorded(is_cancelled=lambda: True)
+    assert (film.samples, film.cancelled, film.statistics.rays) == (0, True, 0)
+    assert not film["Combined"].any()
+
+
+def test_scene_without_camera_is_one_clear_error():
+    with pytest.raises(ValueError, match=r"^Scene: camera: expected a Camera to render through, got None$"):
+        render(Scene(), 4, 4)
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "fields", "message"),
+    [
+        (0, 4, {}, "render: width: expected a whole number of 1 or more, got 0"),
+        (4, 2.5, {}, "render: height: expected a whole number, got 2.5"),
+        (2**20, 2**20, {}, r"render: expected a picture of at most 2\^32 pixels"),
+        (
+            4,
+            4,
+            {"border": (0, 0, 5, 4)},
+            r"border: expected x_max <= 4 and y_max <= 4, the picture's size, got \(0, 0, 5",
+        ),
+        (4, 4, {"samples": 0}, "Settings: samples"),
+    ],
+)
+def test_sizes_that_do_not_fit_are_named(width, height, fields, message):
+    with pytest.raises(ValueError, match=message):
+        render(SCENE, width, height, **fields)
+
+
+def test_unknown_setting_is_refused():
+    with pytest.raises(TypeError, match="sample_count"):
+        render(SCENE, 4, 4, sample_count=3)
+
+
+def test_the_last_pixel_of_the_largest_picture_has_its_own_samples():
+    view = make_view(SCENE, 2**16, 2**16, Settings(border=(2**16 - 1, 2**16 - 1, 2**16, 2**16)))
+    samples, x, y = blocks.locate_pixels(view, blocks.Block(0, 0, 1), 0)
+    assert (samples.pixel.tolist(), x.tolist(), y.tolist()) == ([2**32 - 1], [2**16 - 0.5], [2**16 - 0.5])
+
+
+def make_lit_scene() -> Scene:
+    """A mirror ball and a diffuse ball on a floor, under an area light and a sky."""
+    floor = Mesh([[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], [[0, 1, 2], [0, 2, 3]])
+    balls = Spheres([[-1, 0, 1], [1.2, 0, 1]], [1, 1], material=[1, 0])
+    eye = np.array([[1, 0, 0, 0], [0, 0, -1, -8], [0, 1, 0, 1.5], [0, 0, 0, 1]])
+    return Scene(
+        meshes=[floor],
+        spheres=[balls],
+        materials=[Material((Closure("diffuse"),)), Material((Closure("glossy", roughness=0.1),))],
+        lights=[AreaLight([0, -4, 6], [2, 0, 0], [0, 2, 0], 300.0)],
+        world=World([0.1, 0.2, 0.3]),
+        camera=Camera(eye),
+    )
+
+
+@pytest.mark.parametrize("interleaving", [0, 1, 2])
+def test_picture_is_the_same_for_any_number_of_workers_and_any_block_size(monkeypatch, interleaving):
+    monkeypatch.setattr(blocks, "choose_interleaving", lambda pixels, samples, scene: interleaving)
+    scene = make_lit_scene()
+    settings = {"samples": 3, "passes": ("Combined", "Normal", "Depth"), "seed": 5}
+    expected = render(scene, 40, 30, **settings)
+    with Workers(2) as workers:
+        for block_size in (77, 1200):
+            for count in (1, workers):
+                film = render(scene, 40, 30, workers=count, block_size=block_size, **settings)
+                for name, values in expected.passes.items():
+                    assert np.array_equal(film[name], values), (name, block_size, count)
+                assert film.statistics.rays == expected.statistics.rays
+    assert np.array_equal(render(scene, 40, 30, workers=2, **settings)["Combined"], expected["Combined"])
+    part = render(scene, 40, 30, border=(3, 5, 34, 16), **settings)["Combined"]
+    assert np.array_equal(part, expected["Combined"][30 - 16 : 30 - 5, 3:34])
+
+
+def test_cancelling_workers_returns_the_film_so_far_and_they_go_on():
+    scene, done = make_lit_scene(), []
+    with Workers(2) as workers:
+        keywords = {"workers": workers, "block_size": 400, "seed": 1}
+        film = render(scene, 40, 30, 10**6, on_progress=done.append, is_cancelled=lambda: len(done) >= 7, **keywords)
+        assert (film.samples, film.cancelled) == (2, True)
+        assert not render(scene, 40, 30, 1, **keywords).cancelled
+
+
+def make_result(block, seconds):
+    return BlockResult(block, {}, None, 0, seconds)
+
+
+def test_plan_covers_every_pixel_of_every_pass_once():
+    plan = BlockPlan(pixels=10000, passes=3, largest=6000)
+    covered = np.zeros((3, 10000), dtype=int)
+    for block in plan:
+        covered[block.sample, block.start : block.stop] += 1
+        plan.observe(make_result(block, 0.0))
+    assert (covered == 1).all()
+
+
+def test_plan_fits_blocks_to_the_time_they_take():
+    """At 5 microseconds per ray, a second is 200000 rays; at 1 microsecond the largest block is less."""
+    for microseconds, size in ((5, 200_000), (1, 524_288), (1000, 131_072)):
+        plan = BlockPlan(pixels=10**7, passes=1, largest=2**19)
+        blocks = []
+        for block in plan:
+            blocks.append(block.stop - block.start)
+            plan.observe(make_result(block, blocks[-1] * microseconds * 1e-6))
+        assert SMALLEST_BLOCK == 131072
+        assert 0.99 * SMALLEST_BLOCK < blocks[0] <= SMALLEST_BLOCK
+        assert 0.9 * size < blocks[-1] <= size
+        assert max(b / a for a, b in itertools.pairwise(blocks)) <= 2.05
+
+
+def test_plan_cuts_what_is_left_of_a_pass_evenly():
+    plan = BlockPlan(pixels=70000, passes=3, largest=50000)
+    sizes = []
+    for block in plan:
+        sizes.append(block.stop - block.start)
+        plan.observe(make_result(block, 1e-6 * sizes[-1]))
+    assert sizes == [35000] * 6
+
+
+def test_plan_learns_nothing_from_the_short_rest_of_a_pass():
+    plan = BlockPlan(pixels=100_000, passes=2, largest=80_000)
+    plan.observe(make_result(Block(0, 90_000, 100_000), 100.0))
+    assert next(iter(plan)).stop == 50_000
