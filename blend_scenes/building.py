@@ -228,7 +228,7 @@ def make_chequers(name: str, size: float, count: int) -> bpy.types.Mesh:
 
 
 def set_inputs(node: bpy.types.Node, inputs: Mapping[str, Any]) -> None:
-    """Set unlinked sockets by the names that Blender shows; a colour may come without its alpha."""
+    """Set unlinked sockets by the names that Blender shows; a color may come without its alpha."""
     for name, value in inputs.items():
         socket = node.inputs[name]
         socket.default_value = (*value, 1.0) if socket.type == "RGBA" else value
@@ -264,7 +264,7 @@ def make_shader(name: str, kind: str, color: Color, **inputs: float) -> bpy.type
 
 
 def set_world(color: Color, strength: float = 1.0) -> None:
-    """Give the scene a world of one colour, which is also its fill light."""
+    """Give the scene a world of one color, which is also its fill light."""
     world = bpy.data.worlds.new("Constant sky")
     tree = _open_shader_tree(world)
     set_inputs(tree.nodes["Background"], {"Color": color, "Strength": strength})

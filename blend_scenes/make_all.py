@@ -5,7 +5,7 @@
     python -m blend_scenes.make_all --gallery [glass ...]   the pictures, by this project's engine
 
 A picture is rendered through the command line, as a user would, and then written with a dithered palette of 256
-colours: small enough for a repository. That needs Pillow.
+colors: small enough for a repository. That needs Pillow.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Character: a doll of one skinned mesh, posed by an armature, its clothes painted as vertex colours."""
+"""Character: a doll of one skinned mesh, posed by an armature, its clothes painted as vertex colors."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ SHIRT, STRIPE, TROUSERS, SHOES = (0.75, 0.72, 0.62), (0.55, 0.06, 0.05), (0.05, 
 
 
 class Body:
-    """The mesh under construction: vertices, faces, and for each vertex its bones and its colour at rest."""
+    """The mesh under construction: vertices, faces, and for each vertex its bones and its color at rest."""
 
     def __init__(self) -> None:
         self.vertices: list[Vector] = []
@@ -103,7 +103,7 @@ def weigh_bones(point: Vector, bones: Sequence[str]) -> dict[str, float]:
 
 
 def paint(point: Vector, bones: Sequence[str]) -> tuple[float, float, float]:
-    """Return the colour of a point at rest: face, hair, striped shirt, trousers, shoes."""
+    """Return the color of a point at rest: face, hair, striped shirt, trousers, shoes."""
     if len(bones) == 1:
         is_hair = bones[0] == "Head" and (point.z > 1.8 - 0.5 * point.y or point.y > 0.05)
         return HAIR if is_hair else SHOES if "Shin" in bones[0] else SKIN
@@ -117,7 +117,7 @@ def paint(point: Vector, bones: Sequence[str]) -> tuple[float, float, float]:
 
 
 def make_body() -> tuple[bpy.types.Mesh, list[dict[str, float]]]:
-    """Return the doll's mesh with the colour attribute "Clothes", and the weights of each vertex."""
+    """Return the doll's mesh with the color attribute "Clothes", and the weights of each vertex."""
     body = Body()
     body.add_tube([(0, 0, z, radius) for z, radius in TRUNK], ("Spine", "Chest", "Head"))
     body.add_mesh(building.make_sphere("Head", 0.17, 32), Vector((0, 0, 1.75)), ("Head",))
@@ -166,7 +166,7 @@ def pose(rig: bpy.types.Object) -> None:
 
 
 def make_clothes() -> bpy.types.Material:
-    """A material that the mesh's colours fill."""
+    """A material that the mesh's colors fill."""
     material = building.make_principled("Clothes", (0.8, 0.8, 0.8), roughness=0.6)
     tree = material.node_tree
     colors = tree.nodes.new("ShaderNodeVertexColor")

@@ -1,7 +1,7 @@
 """Cornell box: an emissive mesh as the only lamp, in the room that everybody knows.
 
 Proportions after Goral, Torrance, Greenberg and Battaile, "Modeling the interaction of light between diffuse
-surfaces", 1984, in units of the room's width. Only direct light is computed: the walls do not colour one another,
+surfaces", 1984, in units of the room's width. Only direct light is computed: the walls do not color one another,
 and a dim world that enters through the open front stands for the missing interreflection.
 """
 

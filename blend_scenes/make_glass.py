@@ -48,7 +48,7 @@ def add_hollow_ball(centre: building.Point, glass: bpy.types.Material) -> None:
 
 
 def add_stripes() -> None:
-    """A wall of coloured stripes: what the glass bends."""
+    """A wall of colored stripes: what the glass bends."""
     for number, color in enumerate([(0.72, 0.1, 0.07), (0.82, 0.74, 0.58), (0.07, 0.24, 0.4), (0.82, 0.74, 0.58)] * 7):
         name = f"Stripe {number + 1}"
         paint = building.make_shader(name, "Diffuse", color)

@@ -77,7 +77,7 @@ def make_felt() -> Any:
 
 
 def add_suzanne() -> None:
-    """A monkey's head of glazed porcelain: noise drives its base colour and how rough it is."""
+    """A monkey's head of glazed porcelain: noise drives its base color and how rough it is."""
     mesh = building.make_mesh("Suzanne", bmesh.ops.create_monkey, smooth=True)
     material = building.make_principled("Porcelain", (0.8, 0.8, 0.8), coat_weight=0.5)
     tree = material.node_tree

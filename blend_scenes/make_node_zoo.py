@@ -1,4 +1,4 @@
-"""Node zoo: two dozen balls, each coloured by another graph of shader nodes; the script's table names them."""
+"""Node zoo: two dozen balls, each colored by another graph of shader nodes; the script's table names them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Graph:
         return node.outputs[output]
 
     def mix(self, share: Any, first: Any, second: Any, **settings: Any) -> Socket:
-        """Return a mix of two colours."""
+        """Return a mix of two colors."""
         node = self.add("Mix", data_type="RGBA", **settings).node
         sockets = [socket for socket in node.inputs if socket.enabled]
         for socket, value in zip(sockets, (share, first, second), strict=True):
@@ -46,7 +46,7 @@ class Graph:
         return next(socket for socket in node.outputs if socket.enabled)
 
     def ramp(self, share: Socket, *stops: tuple[float, tuple[float, float, float]]) -> Socket:
-        """Return the colours that a Color Ramp gives to a number."""
+        """Return the colors that a Color Ramp gives to a number."""
         output = self.add("ValToRGB", {"Fac": share}, "Color")
         elements = output.node.color_ramp.elements
         while len(elements) < len(stops):
@@ -163,7 +163,7 @@ COLORS: dict[str, Callable[[Graph], Socket]] = {
 
 
 def make_material(name: str, color: Callable[[Graph], Any]) -> bpy.types.Material:
-    """Return a Principled material of a graph's colour; that of "Bump" has dents."""
+    """Return a Principled material of a graph's color; that of "Bump" has dents."""
     material = building.make_principled(name, (0.8, 0.8, 0.8), roughness=0.4)
     graph, principled = Graph(material.node_tree), material.node_tree.nodes["Principled BSDF"]
     found = color(graph)

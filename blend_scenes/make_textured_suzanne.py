@@ -1,4 +1,4 @@
-"""Textured Suzanne: pictures painted by this script, wrapped by UV maps: colour, roughness and a normal map."""
+"""Textured Suzanne: pictures painted by this script, wrapped by UV maps: color, roughness and a normal map."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def paint(name: str, colors: Any, is_color: bool = True) -> bpy.types.Image:
 
 
 def paint_scales() -> tuple[Any, Any, Any]:
-    """Return colour, roughness and normals of rows of round scales, each (SIZE, SIZE, 3)."""
+    """Return color, roughness and normals of rows of round scales, each (SIZE, SIZE, 3)."""
     row, column = np.mgrid[0:SIZE, 0:SIZE] / SIZE
     line = np.floor(row * ROWS)
     across = (column * ROWS + 0.5 * (line % 2)) % 1.0 - 0.5
@@ -44,7 +44,7 @@ def paint_scales() -> tuple[Any, Any, Any]:
 
 
 def paint_boards() -> Any:
-    """Return the colour of wooden boards, (SIZE, SIZE, 3)."""
+    """Return the color of wooden boards, (SIZE, SIZE, 3)."""
     row, column = np.mgrid[0:SIZE, 0:SIZE] / SIZE
     board = np.floor(column * 4)
     grain = 0.5 + 0.5 * np.sin(2 * np.pi * (20.0 * column + 0.7 * np.sin(2 * np.pi * (row + 0.37 * board))))
@@ -66,7 +66,7 @@ def make_monkey() -> bpy.types.Mesh:
 
 
 def add_picture(tree: bpy.types.NodeTree, image: bpy.types.Image, **settings: Any) -> bpy.types.NodeSocket:
-    """Add an Image Texture and return its colour."""
+    """Add an Image Texture and return its color."""
     node = tree.nodes.new("ShaderNodeTexImage")
     node.image = image
     for name, value in settings.items():
@@ -81,7 +81,7 @@ def make_scales() -> bpy.types.Material:
     tree = material.node_tree
     principled = tree.nodes["Principled BSDF"]
     links = tree.links
-    links.new(add_picture(tree, paint("Scale colour", color)), principled.inputs["Base Color"])
+    links.new(add_picture(tree, paint("Scale color", color)), principled.inputs["Base Color"])
     links.new(add_picture(tree, paint("Scale roughness", roughness, False)), principled.inputs["Roughness"])
     bend = tree.nodes.new("ShaderNodeNormalMap")
     bend.inputs["Strength"].default_value = 0.8

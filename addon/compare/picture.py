@@ -1,6 +1,6 @@
 """Arrays to pictures on disk: the panels of a comparison, written as PNG.
 
-The file is written here and not by Blender, whose image datablocks apply the scene's colour management: a comparison
+The file is written here and not by Blender, whose image datablocks apply the scene's color management: a comparison
 shows values. PNG needs a header, zlib and a checksum, all in Python's own library.
 
 References

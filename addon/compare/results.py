@@ -76,7 +76,7 @@ def make_cycles_outcome(comparison: Any) -> Outcome:
 
 
 def format_color(color: Floats) -> str:
-    """Return a colour in a few letters."""
+    """Return a color in a few letters."""
     return ", ".join(f"{channel:.2g}" for channel in color)
 
 

@@ -50,7 +50,7 @@ def describe_ray(ray: TracedRay) -> Iterator[Line]:
     yield "Direction", format_vector(ray.direction)
     if ray.kind != CAMERA:
         yield "Weight", format_vector(ray.weight)
-    yield "Colour", format_vector(ray.color)
+    yield "Color", format_vector(ray.color)
 
 
 def describe_hit(ray: TracedRay, hit: Hit, names: Names) -> Iterator[Line]:

@@ -16,7 +16,7 @@ from . import session
 from .describe import Line, describe_dark, describe_hit, describe_ray, describe_shadow
 
 CATEGORY = "Ray"
-# Icons in the colours of the lines.
+# Icons in the colors of the lines.
 KIND_ICONS = {
     CAMERA: "OUTLINER_OB_CAMERA",
     REFLECTED: "COLORSET_04_VEC",

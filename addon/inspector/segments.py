@@ -1,4 +1,4 @@
-"""The rays of a tree as coloured lines."""
+"""The rays of a tree as colored lines."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NORMAL_SHARE = 0.06
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """k lines: ends (k, 2, 3) float32, metres, world, their colours (k, 2, 4) float32, and the number (k,) of the ray
+    """k lines: ends (k, 2, 3) float32, metres, world, their colors (k, 2, 4) float32, and the number (k,) of the ray
     that each belongs to."""
 
     ends: NDArray[np.float32]
@@ -43,7 +43,7 @@ class Segments:
         return Segments(self.ends[rows], self.colors[rows], self.ray[rows])
 
 
-Piece = tuple[NDArray[np.float64], NDArray[np.float64], Color, Color]  # two ends, two colours
+Piece = tuple[NDArray[np.float64], NDArray[np.float64], Color, Color]  # two ends, two colors
 
 
 def make_segments(tree: Sequence[TracedRay]) -> Segments:
@@ -93,5 +93,5 @@ def reach(origin: NDArray[np.float64], direction: NDArray[np.float64], length: f
 
 
 def fade(color: Color) -> Color:
-    """Return a colour that is hardly there."""
+    """Return a color that is hardly there."""
     return (*color[:3], FADED * color[3])

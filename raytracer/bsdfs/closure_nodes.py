@@ -37,7 +37,7 @@ Lobes = list[Microfacets]
 
 
 def _colors(closures: Closures) -> Floats:
-    """(k, 3) weight times colour."""
+    """(k, 3) weight times color."""
     return closures.weight[:, np.newaxis] * closures.color
 
 
@@ -78,7 +78,7 @@ def _add_glossy_toon(closures: Closures, points: Points) -> Lobes:
 
 
 def _add_glossy(closures: Closures, points: Points) -> Lobes:
-    """Facets that reflect the colour whatever the angle."""
+    """Facets that reflect the color whatever the angle."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
         white = np.ones_like(some.color)
@@ -89,7 +89,7 @@ def _add_glossy(closures: Closures, points: Points) -> Lobes:
 
 
 def _add_metal(closures: Closures, points: Points) -> Lobes:
-    """Reflectance from the colour at normal incidence to white at the border, tinted at 82 degrees."""
+    """Reflectance from the color at normal incidence to white at the border, tinted at 82 degrees."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
         f0 = np.minimum(some.color, 1.0)
@@ -120,7 +120,7 @@ def _reflect_metal(
 
 
 def _add_glass(closures: Closures, points: Points) -> Lobes:
-    """Reflection and refraction with the colour on both, as Fresnel's formulas share them out."""
+    """Reflection and refraction with the color on both, as Fresnel's formulas share them out."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
         f0 = np.repeat(normal_reflectance(some.ior)[:, np.newaxis], 3, axis=1)

@@ -26,7 +26,7 @@ from raytracer.scene.programs import Register
 
 Rows = NDArray[np.int64]
 
-# What a Closure says in numbers and colours; its kind decides on the function, its directions stand in `Points`.
+# What a Closure says in numbers and colors; its kind decides on the function, its directions stand in `Points`.
 PARAMETERS = tuple(
     item.name for item in dataclasses.fields(Closure) if item.name not in ("kind", "distribution", *CLOSURE_VECTORS)
 )
@@ -34,7 +34,7 @@ PARAMETERS = tuple(
 
 @dataclass(frozen=True, eq=False)
 class Closures:
-    """n closures of one kind: each of PARAMETERS as an attribute, (n,), or (n, 3) for colours, gathered when asked for.
+    """n closures of one kind: each of PARAMETERS as an attribute, (n,), or (n, 3) for colors, gathered when asked for.
 
     columns : by name, one row per material; NaN where a program computes it
     rows : (n,) int64, the material of each closure

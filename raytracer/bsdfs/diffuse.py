@@ -82,7 +82,7 @@ class RoughMatte(_Record):
 
 
 def make_rough_matte(normal: Floats, outgoing: Floats, roughness: Floats, color: Floats, share: Floats) -> RoughMatte:
-    """Return the shape of surfaces of a colour (k, 3); share : (k,), of the further bounces that is counted."""
+    """Return the shape of surfaces of a color (k, 3); share : (k,), of the further bounces that is counted."""
     a = 1.0 / (np.pi + roughness * (np.pi / 2.0 - 2.0 / 3.0))
     b = roughness * a
     mean = a * np.pi + (2.0 * np.pi - 5.6) / 3.0 * b

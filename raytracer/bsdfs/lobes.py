@@ -105,7 +105,7 @@ def make_lobes(
     mean_color: Floats | None,
     normal_name: str = "normal",
 ) -> Microfacets:
-    """Return lobes whose weight includes the bounces after the first, of colour `mean_color`; None leaves them out.
+    """Return lobes whose weight includes the bounces after the first, of color `mean_color`; None leaves them out.
 
     Where a refracting surface has the same index on both sides nothing bends: the lobe is made perfect.
     """

@@ -2,7 +2,7 @@
 
 A microfacet lobe follows light to its second facet only to drop it. The share E of light that gets out after one bounce
 is computed here, once per process and only for the indices of refraction in use, by quadrature of the lobe itself; the
-lobe is then scaled so that what is missing, 1 - E, leaves in the shape of the first bounce, with the colour of the
+lobe is then scaled so that what is missing, 1 - E, leaves in the shape of the first bounce, with the color of the
 further ones ("Multiscatter GGX" in Blender). Values stand on the grid that Cycles uses (roughness by cosine by index of
 refraction, linear in between), so that both renderers interpolate alike.
 

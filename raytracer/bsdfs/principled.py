@@ -59,7 +59,7 @@ def add_principled(closures: Closures, points: Points) -> list[Microfacets]:
 
 
 def add_matte(closures: Closures, points: Points, albedo: Floats, color: Floats, full: bool = False) -> None:
-    """Add matte surfaces of an albedo (k, 3), rough ones by the model of Oren and Nayar, of a colour (k, 3).
+    """Add matte surfaces of an albedo (k, 3), rough ones by the model of Oren and Nayar, of a color (k, 3).
 
     full : True gives back all the light lost between rough facets, whatever the closures say
     """
@@ -117,7 +117,7 @@ def _make_coat(closures: Closures, points: Points, weight: Floats) -> tuple[Micr
 
 
 def _make_metal(closures: Closures, points: Points, weight: Floats) -> Microfacets:
-    """Reflectance from the base colour at normal incidence to white at the border, tinted at 82 degrees."""
+    """Reflectance from the base color at normal incidence to white at the border, tinted at 82 degrees."""
     part = (closures.metallic > SMALLEST_WEIGHT) & any_column(weight > 0)
     some, where = closures.select(part), points.select(part)
     f0 = np.minimum(some.color, 1.0)
@@ -129,7 +129,7 @@ def _make_metal(closures: Closures, points: Points, weight: Floats) -> Microface
 
 
 def _make_glass(closures: Closures, points: Points, weight: Floats) -> Microfacets:
-    """Glass whose base colour tints each passage by its square root, so that a solid has it once."""
+    """Glass whose base color tints each passage by its square root, so that a solid has it once."""
     part = (closures.transmission > SMALLEST_WEIGHT) & any_column(weight > 0)
     some, where = closures.select(part), points.select(part)
     tint = np.sqrt(np.minimum(some.color, 1.0))

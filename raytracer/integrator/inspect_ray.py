@@ -2,7 +2,7 @@
 
 A picture needs sums only; who learns, or looks for a mistake, wants the terms. Every surface sends one shadow ray to
 the middle of each light, and one ray each the way it reflects, refracts and lets pass. Nothing is left to chance: of
-perfect mirrors, clear glass and lights without extent the colours are the picture's own, of all else its simplest
+perfect mirrors, clear glass and lights without extent the colors are the picture's own, of all else its simplest
 estimate, without diffuse interreflection. The stages are the integrator's.
 """
 
@@ -119,7 +119,7 @@ def make_inspector(scene: Scene, caster: Caster, settings: Settings, frame: tupl
 
 
 class Step(NamedTuple):
-    """A ray that waits to be cast; its colour counts `weight` (3,) in its parent's and `share` (3,) in the camera's."""
+    """A ray that waits to be cast; its color counts `weight` (3,) in its parent's and `share` (3,) in the camera's."""
 
     kind: str
     parent: int

@@ -49,7 +49,7 @@ class Shadow:
 
     source : number of the lamp among the scene's lights, EMITTERS or WORLD
     origin, direction : o + t d is at the light for t = reach, infinite for sun and world
-    light : (3,) what it adds to the colour of its ray if nothing is in the way
+    light : (3,) what it adds to the color of its ray if nothing is in the way
     share : (3,) the share of that which arrives
     blocker, primitive : instance and primitive of what stops the light; -1 = nothing stops all of it
     end : t at which the ray ends, at the blocker or the light
@@ -80,7 +80,7 @@ class TracedRay:
     kind : CAMERA, REFLECTED, REFRACTED or PASSED (straight through what is transparent)
     parent : number of the ray that it comes from; -1 for the camera's
     origin, direction : o + t d; t of the camera's ray is the depth, all other directions are unit vectors
-    weight : (3,) what its colour counts in its parent's
+    weight : (3,) what its color counts in its parent's
     color : (3,) radiance that comes back along it: what shines at its end, `shadows`, and its children
     hit : None where it hits nothing
     dark : numbers of the lamps that are on, but of which its surface would send nothing back along it

@@ -12,7 +12,7 @@ from raytracer.arrays.checks import require_choice
 from raytracer.scene.fields import set_color, set_field, set_number
 from raytracer.scene.programs import Program, Register, check_register, make_value
 
-# The colours of a closure, its directions, and the range of each of its numbers.
+# The colors of a closure, its directions, and the range of each of its numbers.
 CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction")
 CLOSURE_VECTORS = ("normal", "coat_normal", "tangent")
 CLOSURE_RANGES = {
@@ -39,7 +39,7 @@ class Closure:
 
     kind : one of CLOSURE_KINDS
     weight : factor in the material's sum (Mix and Add Shader fold into it)
-    color : linear RGB; base colour of a principled closure, radiance scale of an emission, reflectance of a metal at
+    color : linear RGB; base color of a principled closure, radiance scale of an emission, reflectance of a metal at
         normal incidence, index of refraction of a conductor
     roughness : Blender's roughness; alpha of facets is its square; 0 is a perfect mirror
     extinction : imaginary part of a conductor's index of refraction

@@ -19,11 +19,11 @@ SMALLEST_ERROR = 0.1
 
 
 def choose_style(peers):
-    """Return peer -> (colour, marker): one colour each, markers by kind."""
-    colours = matplotlib.colormaps["tab20"].colors
+    """Return peer -> (color, marker): one color each, markers by kind."""
+    colors = matplotlib.colormaps["tab20"].colors
     order = [*range(0, 20, 2), *range(1, 20, 2)]
     return {
-        peer: (colours[order[k]], next((mark for name, mark in MARKERS.items() if peer.startswith(name)), "P"))
+        peer: (colors[order[k]], next((mark for name, mark in MARKERS.items() if peer.startswith(name)), "P"))
         for k, peer in enumerate(peers)
     }
 
@@ -42,8 +42,8 @@ def plot_error_against_time(numbers, path, caption):
     wrong, error = figure.subplots(1, 2)
     failures = pool_failures(rows, AIMED)
     for peer, own in pool(rows).items():
-        colour, marker = style[peer]
-        look = {"marker": marker, "markersize": 13 if marker == "*" else 8, "linestyle": "none", "color": colour}
+        color, marker = style[peer]
+        look = {"marker": marker, "markersize": 13 if marker == "*" else 8, "linestyle": "none", "color": color}
         time = reduce(statistics.median, own, "ns_per_ray")
         rate = bound_rate(*failures[peer])
         clean = rate["rate_bound_per_million"]

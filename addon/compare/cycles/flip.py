@@ -1,8 +1,8 @@
 """FLIP: the difference a person sees who flips between two pictures on a screen, 0 (none) to 1.
 
-Built from the equations of the paper, for pictures of low dynamic range. Two pipelines: *colour* blurs both pictures by
-what the eye resolves at this viewing distance and takes a perceptual colour distance; *features* compares edges and
-points, which a person notices at once, and amplifies the colour difference by them.
+Built from the equations of the paper, for pictures of low dynamic range. Two pipelines: *color* blurs both pictures by
+what the eye resolves at this viewing distance and takes a perceptual color distance; *features* compares edges and
+points, which a person notices at once, and amplifies the color difference by them.
 
 References
 ----------
@@ -34,8 +34,8 @@ WHITE = XYZ_FROM_RGB.sum(axis=1)
 SENSITIVITY = (((1.0, 0.0047),), ((1.0, 0.0053),), ((34.1, 0.04), (13.5, 0.025)))
 WIDEST = max(b for channel in SENSITIVITY for _, b in channel)
 
-COLOR_EXPONENT = 0.7  # q_c, compresses large colour differences
-COLOR_KNEE = 0.4  # p_c, colour differences up to this share of the largest ...
+COLOR_EXPONENT = 0.7  # q_c, compresses large color differences
+COLOR_KNEE = 0.4  # p_c, color differences up to this share of the largest ...
 COLOR_KNEE_VALUE = 0.95  # p_t, ... map to errors up to this
 FEATURE_WIDTH = 0.082  # w, degrees: width of the edges and points looked for
 FEATURE_EXPONENT = 0.5  # q_f
@@ -111,7 +111,7 @@ def filter_by_sensitivity(opponent: Floats, pixels_per_degree: float) -> Floats:
 def measure_color_distance(rgb: Floats, other: Floats) -> Floats:
     """Return the HyAB distance of two linear RGB pictures in Hunt-adjusted L*a*b*, raised to q_c (section 4.1.2).
 
-    HyAB = |L - L'| + sqrt((a - a')^2 + (b - b')^2); Hunt's effect: dark colours look less colourful, a_h = 0.01 L a.
+    HyAB = |L - L'| + sqrt((a - a')^2 + (b - b')^2); Hunt's effect: dark colors look less colorful, a_h = 0.01 L a.
     """
     adjusted = []
     for lab in (to_lab(rgb), to_lab(other)):
@@ -123,7 +123,7 @@ def measure_color_distance(rgb: Floats, other: Floats) -> Floats:
 
 
 def compare_colors(rgb: Floats, other: Floats) -> Floats:
-    """Return the colour error Delta E_c of blurred pictures, 0 ... 1; the largest distance is green to blue."""
+    """Return the color error Delta E_c of blurred pictures, 0 ... 1; the largest distance is green to blue."""
     largest = measure_color_distance(np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))
     distance = measure_color_distance(rgb, other)
     knee = COLOR_KNEE * largest

@@ -1,4 +1,4 @@
-"""Blackbody: the colour of a body that glows at a temperature, of luminance 1.
+"""Blackbody: the color of a body that glows at a temperature, of luminance 1.
 
 References
 ----------
@@ -20,7 +20,7 @@ from raytracer.textures.sky_spectra import COLOR_MATCHING
 WAVELENGTHS = 1e-9 * np.linspace(380.0, 780.0, len(COLOR_MATCHING))
 # h c / k, metres kelvin (exact in the SI of 2019, to the digits given).
 SECOND_RADIATION_CONSTANT = 1.438776877e-2
-# Cycles' colours change from the first to the second, kelvin.
+# Cycles' colors change from the first to the second, kelvin.
 COLDEST, HOTTEST = 800.0, 12000.0
 RGB_FROM_XYZ = np.array(
     [

@@ -90,7 +90,7 @@ if VERSION >= (4, 3):
 
 
 class Furnace(NamedTuple):
-    """Mean colours (closures, roughnesses, 3) of both engines, and ours' and Cycles' standard errors."""
+    """Mean colors (closures, roughnesses, 3) of both engines, and ours' and Cycles' standard errors."""
 
     ours: NDArray[np.float64]
     cycles: NDArray[np.float64]

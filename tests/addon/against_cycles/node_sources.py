@@ -16,7 +16,7 @@ from tests.addon.against_cycles.node_fixtures import Make, add_node, measure_dif
 SMOOTH = 1e-5
 # Functions tens of times as steep as their coordinates.
 STEEP = 1e-4
-# Cycles fits the colours of glowing bodies by rational functions.
+# Cycles fits the colors of glowing bodies by rational functions.
 GLOWING = 1e-2
 # Cycles keeps a vertex's normal in 32 bits: its tangent plane is off by up to 1e-4.
 PACKED_NORMALS = 4e-4

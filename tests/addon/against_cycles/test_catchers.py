@@ -1,4 +1,4 @@
-"""Shadow catchers against Cycles of the same Blender: colour and alpha, over a transparent and an opaque film."""
+"""Shadow catchers against Cycles of the same Blender: color and alpha, over a transparent and an opaque film."""
 
 import bpy
 import pytest

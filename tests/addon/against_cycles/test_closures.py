@@ -19,7 +19,7 @@ from tests.addon.against_cycles.test_pictures import add_lamp, assert_pictures_a
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 
 BAR = 0.005
-# For some hundred comparisons of three colours.
+# For some hundred comparisons of three colors.
 STANDARD_ERRORS = 4.5
 # Where Cycles shows less than this of a white light, its float32 and its cuts of small weights count.
 DARKEST = 0.01

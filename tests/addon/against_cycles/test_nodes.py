@@ -296,7 +296,7 @@ ADJUSTMENTS = {
 
 
 def test_glowing_bodies_agree(empty_scene: Any, record_property: Any) -> None:
-    """Cycles' colours come from a fit of Planck's; below its coldest and above its hottest both stay as they are."""
+    """Cycles' colors come from a fit of Planck's; below its coldest and above its hottest both stay as they are."""
     bodies = {
         f"{low} to {low + reach} K": make(
             "ShaderNodeBlackbody",

@@ -1,6 +1,6 @@
 """Interreflection against Cycles of the same Blender: every limit of bounces, ray visibility, what Light Path tells.
 
-A small room with coloured walls, of diffuse, glossy, and clear surfaces, under an area lamp, seen from its open side.
+A small room with colored walls, of diffuse, glossy, and clear surfaces, under an area lamp, seen from its open side.
 Both engines have the same limits. Pictures have to pass the statistical test of `addon.compare.metrics`, pixel by pixel
 by Mitsuba 3's bar, and all whole tiles. One case of each kind is quick; all others are marked slow.
 """
@@ -149,7 +149,7 @@ OUTPUTS = (
 
 @pytest.mark.parametrize("output", list_cases(OUTPUTS, ["Is Glossy Ray"]))
 def test_what_light_path_tells_agrees(output):
-    """The walls' colour is a fraction that grows with what the node says."""
+    """The walls' color is a fraction that grows with what the node says."""
     scene = make_room()
     add_ball(MATERIALS["rough glass"]())
     add_ball(MATERIALS["principled"](), (0.5, 0.1, 0.35), 0.3)

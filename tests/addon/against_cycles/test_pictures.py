@@ -83,7 +83,7 @@ def make_grey():
 
 
 def assert_pictures_agree(scene, samples, max_bounces=0, batches=12, cycles_factor=CYCLES_FACTOR):
-    """Colour and alpha: pixels by Mitsuba 3's bar; whole tiles, where noise averages out, all of them."""
+    """Color and alpha: pixels by Mitsuba 3's bar; whole tiles, where noise averages out, all of them."""
     request = Request(*SMALL_SIZE, samples, max_bounces, batches, cycles_factor=cycles_factor)
     ours, cycles = (side.passes["Combined"] for side in render_both(scene, bpy.context.view_layer, request))
     assert ours[..., :3].max() > 0

@@ -23,7 +23,7 @@ from tests.addon.inspector.test_inspector import describe_scene
 
 @pytest.fixture
 def stage(empty_scene: Any) -> Iterator[Any]:
-    """A plane of one colour over half of the picture, tilted by thirds so that rays need rounding."""
+    """A plane of one color over half of the picture, tilted by thirds so that rays need rounding."""
     addon.register()
     make_stage(empty_scene)
     plane = add_plane(empty_scene.collection, "Plane", (0.75, 0.125, 0.0), (-9.0, 0.1), (-7.0, 7.0))

@@ -76,7 +76,7 @@ def test_one_of_two_equal_suns_blocked_is_half_transparent():
     np.testing.assert_allclose(alpha[MIDDLE], 0.5, rtol=1e-6)
 
 
-def test_shadows_of_coloured_light_show_by_the_mean_of_channels():
+def test_shadows_of_colored_light_show_by_the_mean_of_channels():
     """Alpha is 1 - mean of the channels' factors: (0 + 1 + 1) / 3 where red goes, grey of the ground or not."""
     lights = [raytracer.SunLight((0, 0, 1), (1, 0, 0)), raytracer.SunLight((1, 0, 1), (0, 1, 1))]
     alpha = see(make_scene([GROUND, ROOF], [True, False], lights))[:, 3]

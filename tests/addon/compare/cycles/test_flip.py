@@ -15,7 +15,7 @@ def draw_gradient(height=48, width=64):
 
 
 def test_flip_of_equal_pictures_is_zero():
-    # 0 ** (1 - features) is 0; the two colour pipelines are the same computation, so nothing rounds apart.
+    # 0 ** (1 - features) is 0; the two color pipelines are the same computation, so nothing rounds apart.
     assert flip.flip(draw_gradient(), draw_gradient()).max() == 0.0
 
 
@@ -25,7 +25,7 @@ def test_flip_is_symmetric():
 
 
 def test_flip_of_green_and_blue_is_one():
-    # The largest distance of the colour space; flat pictures have no features to compare.
+    # The largest distance of the color space; flat pictures have no features to compare.
     green, blue = np.zeros((40, 40, 3)), np.zeros((40, 40, 3))
     green[..., 1] = 1
     blue[..., 2] = 1
