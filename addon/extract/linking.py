@@ -1,4 +1,4 @@
-"""Light linking: which objects a lamp, or an object that shines, lights.
+"""Light linking: which objects a light, or an emissive object, lights.
 
 An object's receiver collection says so: where objects are included, only those are lit, else all but the excluded ones.
 What is in a collection within it has the state of that one; said twice, the last counts. The raytracer wants a set for

@@ -87,7 +87,7 @@ def describe_shadow(shadow: Shadow, names: Names) -> str:
 
 
 def describe_dark(ray: TracedRay, names: Names) -> str:
-    """Return which lamps no shadow ray goes to: they are behind the surface, or it reflects nothing of them."""
+    """Return which lights no shadow ray goes to: they are behind the surface, or it reflects nothing of them."""
     return f"{', '.join(names.lights[number] for number in ray.dark)}: no light this way"
 
 

@@ -30,7 +30,7 @@ SMALLEST_SQUARE = 2.0**-500
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Continuation:
+class BsdfSample:
     """The way on from n points.
 
     direction : (n, 3) float64, unit
@@ -55,7 +55,7 @@ class Continuation:
         return any_column(self.weight > 0)
 
 
-def option_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
+def lobe_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
     """Return the probability of each option: the passage first, then the lobes, (n, 1 + lobes); rows of 0 have none.
 
     with_diffuse : True appends the Lambertian parts, that of the surface's normal first: (n, 2 + lobes + tilted)
@@ -73,14 +73,14 @@ def option_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats
     return np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
 
 
-def follows_diffuse(shading: Shading, probabilities: Floats) -> bool:
+def includes_diffuse(shading: Shading, probabilities: Floats) -> bool:
     """True where the Lambertian parts are among the options."""
     return probabilities.shape[1] > 1 + len(shading.lobes)
 
 
 def evaluate_lobes(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
     """Return f |cos| (n, 3) of all lobes at each point for light from `incoming` (n, 3), unit, and the density (n,) per
-    solid angle with which `sample_continuation` takes that direction."""
+    solid angle with which `sample_bsdf` takes that direction."""
     specular, density = np.zeros((len(shading), 3)), np.zeros(len(shading))
     for column, lobes in enumerate(shading.lobes, start=1):
         lobes = _select_facing(shading, lobes, incoming)
@@ -102,7 +102,7 @@ def evaluate_diffuse(shading: Shading, incoming: Floats) -> Floats:
 
 
 def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats) -> Floats:
-    """Return the density (n,) with which `sample_continuation` takes `incoming` for one of the Lambertian parts.
+    """Return the density (n,) with which `sample_bsdf` takes `incoming` for one of the Lambertian parts.
 
     It is cos / pi about each part's normal, but nothing on the surface's other side, where directions are refused.
     """
@@ -115,9 +115,9 @@ def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats) -
     return density / np.pi
 
 
-def evaluate_options(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
+def evaluate_bsdf(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
     """Return f |cos| (n, 3) and the density (n,) of all options but the passage, as `evaluate_lobes`."""
-    if not follows_diffuse(shading, probabilities):
+    if not includes_diffuse(shading, probabilities):
         return evaluate_lobes(shading, probabilities, incoming)
     value, density = evaluate_diffuse(shading, incoming), diffuse_density(shading, probabilities, incoming)
     if shading.lobes:
@@ -158,7 +158,7 @@ def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Mi
     return lobes if facing.all() else lobes.select(np.flatnonzero(facing))
 
 
-def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats, pair: Floats) -> Continuation:
+def sample_bsdf(shading: Shading, probabilities: Floats, choice: Floats, pair: Floats) -> BsdfSample:
     """Take one of each point's options.
 
     choice, pair : (n,), (n, 2) uniform numbers; what is left of `choice` within its option decides between reflection
@@ -166,7 +166,7 @@ def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats,
     """
     count = len(shading)
     option, rest = _choose_option(probabilities, choice)
-    way = Continuation(-shading.outgoing, np.zeros((count, 3)), np.full(count, np.inf), np.zeros(count, dtype=np.uint8))
+    way = BsdfSample(-shading.outgoing, np.zeros((count, 3)), np.full(count, np.inf), np.zeros(count, dtype=np.uint8))
     straight = np.flatnonzero(option == 0)
     way.weight[straight] = take_rows(shading.transparency, straight) / probabilities[straight, 0:1]
     spread = np.zeros(count, dtype=np.bool_)
@@ -174,10 +174,10 @@ def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats,
         lobes = lobes.select(option[lobes.hit] == column)
         if len(lobes):
             _sample_lobes(way, spread, shading, lobes, probabilities[lobes.hit, column], rest, pair)
-    if follows_diffuse(shading, probabilities):
+    if includes_diffuse(shading, probabilities):
         _sample_diffuse(way, spread, shading, option, pair)
     if spread.any():
-        value, density = evaluate_options(shading, probabilities, way.direction)
+        value, density = evaluate_bsdf(shading, probabilities, way.direction)
         found = np.flatnonzero(spread & (density > 0))
         way.density[found] = density[found]
         way.weight[found] = take_rows(value, found) / density[found, np.newaxis]
@@ -185,7 +185,7 @@ def sample_continuation(shading: Shading, probabilities: Floats, choice: Floats,
 
 
 def _sample_lobes(
-    way: Continuation,
+    way: BsdfSample,
     spread: Booleans,
     shading: Shading,
     lobes: Microfacets,
@@ -206,7 +206,7 @@ def _sample_lobes(
 
 
 def _sample_diffuse(
-    way: Continuation, spread: Booleans, shading: Shading, option: NDArray[np.intp], pair: Floats
+    way: BsdfSample, spread: Booleans, shading: Shading, option: NDArray[np.intp], pair: Floats
 ) -> None:
     """Likewise of the points that take a Lambertian part: directions around its normal with density cos / pi."""
     first = 1 + len(shading.lobes)

@@ -1,4 +1,4 @@
-"""Who sees what: Blender's ray visibility of objects and lamps.
+"""Who sees what: Blender's ray visibility of objects and lights.
 
 Rays are told apart by what they come from: the camera, diffuse or glossy reflection, transmission, or a surface that
 looks for light (shadow rays); straight passages change nothing. A ray goes on behind an object that it cannot see as if

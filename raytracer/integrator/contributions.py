@@ -1,4 +1,4 @@
-"""What paths add to the passes: the world and lamps that they see, what shines, and the first surface's description.
+"""What paths add to the passes: the world and the lights that they see, emission, and what the first surface is.
 
 Passes mean what they mean in Cycles (intern/cycles/kernel/film/data_passes.h).
 """
@@ -20,7 +20,7 @@ from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.paths import Paths, Record
 from raytracer.lecture import length
 from raytracer.lights.emitters import emitter_density
-from raytracer.lights.environment import Environment, environment_density, find_environment
+from raytracer.lights.environment import Environment, environment_density, evaluate_environment
 from raytracer.lights.lights import evaluate_light
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import power_heuristic
@@ -54,26 +54,26 @@ def see_background(integrator: Integrator, background: Environment, paths: Paths
     sampled = environment_density(background, paths.scatter_normal, directions)
     share = power_heuristic(paths.density, sampled)[:, np.newaxis]
     path = describe_rays(paths, FARTHEST) if background.program is not None else None
-    radiance = find_environment(background, directions, path)
+    radiance = evaluate_environment(background, directions, path)
     return clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
 
 
-def add_lamps(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
-    """Rays see the lamps that they pass before they hit, if those are for them to see."""
-    for lamp in integrator.visible_lamps:
-        add_lamp(integrator, lamp, record, paths, hits)
+def add_visible_lights(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
+    """Rays see the lights that they pass before they hit, if those are for them to see."""
+    for light in integrator.visible_lights:
+        add_visible_light(integrator, light, record, paths, hits)
 
 
-def add_lamp(integrator: Integrator, lamp: Light, record: Record, paths: Paths, hits: Hits) -> None:
-    """Add what rays see of one lamp; the directions of camera rays may have any length."""
-    rows = np.flatnonzero(classify_rays(paths.kind) & lamp.seen_by)
+def add_visible_light(integrator: Integrator, light: Light, record: Record, paths: Paths, hits: Hits) -> None:
+    """Add what rays see of one light; the directions of camera rays may have any length."""
+    rows = np.flatnonzero(classify_rays(paths.kind) & light.seen_by)
     paths = paths.select(rows)
     unit = length(paths.rays.directions)
-    seen = evaluate_light(lamp, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
+    seen = evaluate_light(light, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
     reach = paths.travelled + hits.distance[rows] * unit
     passed = (seen.density > 0) & (paths.travelled <= seen.distance) & (seen.distance <= reach)
     if integrator.links is not None:
-        passed &= paths.direct | integrator.links.find_lit(lamp.receivers, paths.scatterer)
+        passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
     share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
     radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * seen.radiance)
     record.add("Combined", paths.row, radiance)

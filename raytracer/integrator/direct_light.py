@@ -14,10 +14,10 @@ import numpy as np
 
 from raytracer.arrays.rows import any_column, take_rows
 from raytracer.arrays.types import Floats, Indices
-from raytracer.bsdfs.bsdf import evaluate_diffuse, evaluate_lobes, evaluate_options, follows_diffuse
+from raytracer.bsdfs.bsdf import evaluate_bsdf, evaluate_diffuse, evaluate_lobes, includes_diffuse
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Rays
-from raytracer.integrator.light_sources import LightSource, LitPoints
+from raytracer.integrator.light_sources import LightSource, ShadingPoints
 from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.lights.light_shapes import LightSamples
 from raytracer.sampling.warps import power_heuristic
@@ -25,14 +25,14 @@ from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.surfaces.surface import Surface, spawn_origin
 
 
-def aim_at_lights(
-    sources: tuple[LightSource, ...], points: LitPoints, probabilities: Floats, throughput: Floats, row: Indices
+def sample_lights(
+    sources: tuple[LightSource, ...], points: ShadingPoints, probabilities: Floats, throughput: Floats, row: Indices
 ) -> list[ShadowRays]:
     """Return shadow rays from n points to one sample of every source, with the light they would bring.
 
     Parameters
     ----------
-    probabilities : (n, options) float64, of `scatter.option_probabilities`
+    probabilities : (n, options) float64, of `scatter.lobe_probabilities`
     throughput : (n, 3) float64, what light from these points counts; 0 leaves a point out
     row : (n,) int64, the points' rows of the batch
     """
@@ -74,8 +74,8 @@ def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples, 
     """
     if (seen_by | UNREFLECTED) != SEEN_BY_ALL:
         shading, probabilities = _leave_out_hidden(shading, probabilities, seen_by)
-    if follows_diffuse(shading, probabilities):
-        value, density = evaluate_options(shading, probabilities, light.direction)
+    if includes_diffuse(shading, probabilities):
+        value, density = evaluate_bsdf(shading, probabilities, light.direction)
         value *= power_heuristic(light.density, density)[:, np.newaxis]
     else:
         value = evaluate_diffuse(shading, light.direction)

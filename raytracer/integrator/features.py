@@ -34,7 +34,7 @@ class Features:
     transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
     holdout : an object punches a hole into the alpha channel
     shadow_catchers : an object shows only how others change its light
-    light_linking : a lamp, or what shines, lights some objects only
+    light_linking : a light, or an emissive object, lights some objects only
     ray_visibility : an object is hidden from some rays
     programs : a parameter of a material is computed at each point
     light_path : a program asks how the ray came

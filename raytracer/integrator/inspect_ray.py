@@ -18,7 +18,7 @@ import numpy as np
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import reflect
 from raytracer.bsdfs.bounce_kinds import GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
-from raytracer.bsdfs.bsdf import Continuation
+from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.fresnel import refract
 from raytracer.bsdfs.microfacet import evaluate_fresnel
@@ -28,10 +28,10 @@ from raytracer.casting.ray_visibility import classify_shadows
 from raytracer.casting.rays import Hits, Rays, make_rays
 from raytracer.film.camera import primary_rays
 from raytracer.integrator.bounces import classify_rays, find_ended
-from raytracer.integrator.contributions import add_background, add_emission, add_lamps, describe_path
-from raytracer.integrator.direct_light import aim_at_lights
+from raytracer.integrator.contributions import add_background, add_emission, add_visible_lights, describe_path
+from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import Integrator, light_is_on, prepare
-from raytracer.integrator.light_sources import GEOMETRY, LAMP, LitPoints
+from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
 from raytracer.integrator.loop import find_closed
 from raytracer.integrator.paths import Paths, advance, start_paths, start_record
 from raytracer.integrator.settings import Settings
@@ -50,7 +50,7 @@ from raytracer.integrator.traced_rays import (
 from raytracer.lecture import Region, classify_barycentric, cross, dot, intersect_sphere, intersect_triangle, length
 from raytracer.lights.emitters import pick_emitters
 from raytracer.sampling.sampler import Sampler
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.scene import Scene
 from raytracer.shading.materials import find_transparency, make_shading
 from raytracer.surfaces.surface import Surface, make_surface, spawn_origin
@@ -60,7 +60,7 @@ MOST_RAYS = 64
 SMALLEST_SHARE = 1 / 64
 
 
-class MiddleSamples(PixelSamples):
+class MiddleSamples(SobolSamples):
     """Sample numbers that are all 1/2, which aims at the middle of lights."""
 
     def select(self, index: Any) -> MiddleSamples:
@@ -78,12 +78,12 @@ class MiddleSamples(PixelSamples):
 
 @dataclass(frozen=True, eq=False)
 class Inspector:
-    """A scene whose rays can be looked at; lamps : the number among its lights of each that is on."""
+    """A scene whose rays can be looked at; lights : the numbers of the scene's lights that are on."""
 
     scene: Scene
     caster: Caster
     integrator: Integrator
-    lamps: tuple[int, ...]
+    lights: tuple[int, ...]
 
     def inspect_pixel(self, width: int, height: int, x: float, y: float) -> list[TracedRay]:
         """Return the rays that the camera's through a point of its picture leads to, the camera's first.
@@ -114,8 +114,8 @@ def make_inspector(scene: Scene, caster: Caster, settings: Settings, frame: tupl
     """
     settings = replace(settings, integrator="direct", passes=("Combined",), transparent=False)
     integrator = prepare(scene, caster, settings, *(() if frame is None else (frame,)))
-    lamps = tuple(number for number, light in enumerate(scene.lights) if light_is_on(light))
-    return Inspector(scene, caster, integrator, lamps)
+    lights = tuple(number for number, light in enumerate(scene.lights) if light_is_on(light))
+    return Inspector(scene, caster, integrator, lights)
 
 
 class Step(NamedTuple):
@@ -154,29 +154,29 @@ def start_ray(step: Step) -> TracedRay:
     return TracedRay(step.kind, step.parent, rays.origins[0], rays.directions[0], step.weight, np.zeros(3))
 
 
-Way = tuple[str, Paths, Floats]  # kind, the path that goes on, its weight (3,)
+Branch = tuple[str, Paths, Floats]  # kind, the path that goes on, its weight (3,)
 
 
-def trace_ray(inspector: Inspector, ray: TracedRay, path: Paths) -> list[Way]:
-    """Cast one ray, write down what it finds and the light from there; return the ways on."""
+def trace_ray(inspector: Inspector, ray: TracedRay, path: Paths) -> list[Branch]:
+    """Cast one ray, write down what it finds and the light from there; return the branches on."""
     integrator = inspector.integrator
     hits = integrator.cast(path.rays, classify_rays(path.kind))
     record = start_record(integrator.settings, path.rays)
     add_background(integrator, record, path, hits)
-    add_lamps(integrator, record, path, hits)
-    ways: list[Way] = []
+    add_visible_lights(integrator, record, path, hits)
+    branches: list[Branch] = []
     if hits.hit[0]:
         surface = make_surface(integrator.tables, path.rays, hits)
-        own = Sampler(PixelSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
+        own = Sampler(SobolSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
         shading = make_shading(integrator.materials, surface, describe_path(integrator, path, hits, surface, own))
         add_emission(integrator, record, path, surface, shading)
         ray.hit = describe_hit(inspector.caster, path.rays, hits, surface, shading)
         if not find_ended(path.bounces, integrator.settings)[0]:
             ray.shadows = list(trace_shadows(inspector, path, surface, shading))
-            ray.dark = sorted(set(inspector.lamps) - {shadow.source for shadow in ray.shadows})
-        ways = list(find_ways(integrator, path, hits, surface, shading))
+            ray.dark = sorted(set(inspector.lights) - {shadow.source for shadow in ray.shadows})
+        branches = list(find_branches(integrator, path, hits, surface, shading))
     ray.color += record.passes["Combined"][0, :3] + sum(shadow.light * shadow.share for shadow in ray.shadows)
-    return ways
+    return branches
 
 
 # What is hit ----------------------------------------------------------------------------------------------------------
@@ -231,11 +231,13 @@ def measure_tolerance(surface: Surface, a: Floats, b: Floats, c: Floats) -> floa
 def trace_shadows(inspector: Inspector, path: Paths, surface: Surface, shading: Shading) -> Iterator[Shadow]:
     """Yield a shadow ray to each source of light of which the surface sends anything back."""
     integrator = inspector.integrator
-    points = LitPoints(surface, shading, path.passages, Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0))
+    points = ShadingPoints(
+        surface, shading, path.passages, Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
+    )
     # Nothing but light sampling brings this light: no other way to its directions has a probability.
     probabilities = np.zeros((1, 1 + len(shading.lobes)))
     sources = tuple(replace(source, cast_shadow=True) for source in integrator.sources)
-    aimed = aim_at_lights(sources, points, probabilities, np.ones((1, 3)), np.zeros(1, np.intp))
+    aimed = sample_lights(sources, points, probabilities, np.ones((1, 3)), np.zeros(1, np.intp))
     names = name_sources(inspector)
     for source, name, rays in zip(integrator.sources, names, aimed, strict=True):
         if len(rays.row):
@@ -243,15 +245,15 @@ def trace_shadows(inspector: Inspector, path: Paths, surface: Surface, shading: 
 
 
 def name_sources(inspector: Inspector) -> list[int | str]:
-    """Return what each of the integrator's sources is, as in `Shadow.source`; the world may be sampled in two ways."""
-    lamps = iter(inspector.lamps)
+    """Return what each of the integrator's sources is, as in `Shadow.source`; the world may have two."""
+    lights = iter(inspector.lights)
     names = {GEOMETRY: EMITTERS}
     sources = inspector.integrator.sources
-    return [next(lamps) if source.kind == LAMP else names.get(source.kind, WORLD) for source in sources]
+    return [next(lights) if source.kind == LIGHT else names.get(source.kind, WORLD) for source in sources]
 
 
 def trace_shadow(integrator: Integrator, source: int | str, aimed: ShadowRays, casts: bool) -> Shadow:
-    """Cast one shadow ray; casts : False for a lamp that throws no shadows."""
+    """Cast one shadow ray; casts : False for a light that throws no shadows."""
     rays, share, blocker, target = aimed.rays, np.ones(3), None, -1
     assert rays is not None
     if casts:
@@ -301,8 +303,10 @@ def find_blocker(integrator: Integrator, rays: Rays) -> Blocker | None:
 # Ways on --------------------------------------------------------------------------------------------------------------
 
 
-def find_ways(integrator: Integrator, path: Paths, hits: Hits, surface: Surface, shading: Shading) -> Iterator[Way]:
-    """Yield the ways on that carry light; those of several lobes in one direction count together."""
+def find_branches(
+    integrator: Integrator, path: Paths, hits: Hits, surface: Surface, shading: Shading
+) -> Iterator[Branch]:
+    """Yield the branches on that carry light; those of several lobes in one direction count together."""
     if find_ended(path.bounces, integrator.settings)[0] or find_closed(integrator, path)[0]:
         return
     found: dict[tuple[str, bytes], tuple[Floats, Floats, int]] = {}
@@ -312,7 +316,7 @@ def find_ways(integrator: Integrator, path: Paths, hits: Hits, surface: Surface,
         found[key] = direction, total, bounce
     for (kind, _), (direction, weight, bounce) in found.items():
         if weight.max() > 0:
-            way = Continuation(direction[np.newaxis], np.ones((1, 3)), np.array([np.inf]), np.array([bounce], np.uint8))
+            way = BsdfSample(direction[np.newaxis], np.ones((1, 3)), np.array([np.inf]), np.array([bounce], np.uint8))
             yield kind, advance(path, hits, surface, shading, way), weight
 
 

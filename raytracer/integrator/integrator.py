@@ -22,8 +22,8 @@ from raytracer.integrator.features import Features, derive_features
 from raytracer.integrator.light_sources import (
     LightSource,
     emitter_source,
-    lamp_source,
     leave_out,
+    light_source,
     set_chances,
     world_sources,
 )
@@ -56,7 +56,7 @@ class Integrator:
     """The stages that a scene and its settings need.
 
     sources : one for each source of light that surfaces are lit by
-    visible_lamps : lamps that a reflected ray can meet
+    visible_lights : lights that a reflected ray can meet
     emitters : None where nothing shines
     background : the world, or None where it is black
     cast : finds what rays hit of what they see
@@ -79,7 +79,7 @@ class Integrator:
     tables: SurfaceTables
     materials: MaterialTable
     sources: tuple[LightSource, ...]
-    visible_lamps: tuple[Light, ...]
+    visible_lights: tuple[Light, ...]
     emitters: Emitters | None
     background: Environment | None
     visibility: Visibility
@@ -157,13 +157,13 @@ def _compose(
     emitters = None
     if features.emission and needs_light:
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
-    lamps = [light for light in scene.lights if light_is_on(light)] if needs_light else []
+    lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     links = None
     if features.light_linking:
         links = LightLinks(*(_gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
-    sources = [lamp_source(light, features.rough or interreflects, links) for light in lamps]
-    shines = [present is None or light.shadow_catcher for light in lamps]
-    lamps = list(compress(lamps, shines))
+    sources = [light_source(light, features.rough or interreflects, links) for light in lights]
+    shines = [present is None or light.shadow_catcher for light in lights]
+    lights = list(compress(lights, shines))
     if emitters is not None:
         sources.append(emitter_source(emitters, links))
         shines.append(not emitters.is_empty)
@@ -173,7 +173,7 @@ def _compose(
         shines += [True] * len(ways)
     reflects = features.mirrors or interreflects
     meeting = SEEN_BY_ALL - SEEN_BY["shadow"] if reflects else SEEN_BY["camera"]
-    visible_lamps = tuple(light for light in lamps if has_extent(light) and light.seen_by & meeting)
+    visible_lights = tuple(light for light in lights if has_extent(light) and light.seen_by & meeting)
     seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
     cast = make_cast(caster, seen_by)
     if features.transparency:
@@ -187,7 +187,7 @@ def _compose(
         tables=tables,
         materials=materials,
         sources=set_chances(leave_out(sources, shines)),
-        visible_lamps=visible_lamps,
+        visible_lights=visible_lights,
         emitters=emitters,
         background=background,
         visibility=visibility,
@@ -197,14 +197,14 @@ def _compose(
         needs_light=needs_light,
         goes_on=features.mirrors or features.transparency or interreflects,
         interreflects=interreflects,
-        shines=bool(visible_lamps) or emitters is not None or background is not None,
+        shines=bool(visible_lights) or emitters is not None or background is not None,
         links=links,
         dimensions=FIRST_SOURCE + sum(source.dimensions for source in sources) + features.occlusion + interreflects,
     )
 
 
 def light_is_on(light: Light) -> bool:
-    """True where a lamp sends any light."""
+    """True where a light sends any light."""
     power = light.strength if hasattr(light, "strength") else light.power
     return bool(power.max() > 0)
 

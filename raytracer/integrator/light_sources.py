@@ -15,13 +15,19 @@ from raytracer.arrays.types import Booleans, Counts, Integers, Keys
 from raytracer.bsdfs.closures import Shading
 from raytracer.lights.emitters import (
     Emitters,
-    aim_at_triangles,
     pick_emitters,
     place_on_triangles,
     sample_picked,
+    sample_placed,
     vary_radiance,
 )
-from raytracer.lights.environment import Environment, Way, environment_density, find_environment, list_ways
+from raytracer.lights.environment import (
+    Environment,
+    WorldSampler,
+    environment_density,
+    evaluate_environment,
+    list_world_samplers,
+)
 from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.light_shapes import LightSamples
 from raytracer.lights.lights import has_extent, sample_light
@@ -35,11 +41,11 @@ from raytracer.surfaces.surface import Surface
 ALONE = -1
 # The kinds that Cycles picks between: lights (a textured world counts as one) and emissive meshes; a constant world is
 # never picked.
-LAMP, WORLD, GEOMETRY, OTHER = range(4)
+LIGHT, WORLD, GEOMETRY, OTHER = range(4)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class LitPoints:
+class ShadingPoints:
     """n points that wait for light.
 
     passages : (n,) int32, straight passages of the paths that led there
@@ -52,7 +58,7 @@ class LitPoints:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Aim:
+class KeyedSamples:
     """Where n points look for a light: a sample each, and the key (n,) of the point or direction that they share with
     all others of the same key; ALONE where with none."""
 
@@ -60,7 +66,7 @@ class Aim:
     key: Keys
 
 
-LightStage = Callable[[LitPoints], Aim]
+LightStage = Callable[[ShadingPoints], KeyedSamples]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +83,7 @@ class LightSource:
     seen_by: int = SEEN_BY_ALL
     unstopped: bool = False
     skipped: int = 0
-    kind: int = LAMP
+    kind: int = LIGHT
     chance: float = 1.0
     find_lit: Callable[[Integers], Booleans] | None = None
 
@@ -95,42 +101,44 @@ def leave_out(sources: Sequence[LightSource], present: Sequence[bool]) -> tuple[
 def set_chances(sources: Sequence[LightSource]) -> tuple[LightSource, ...]:
     """Return all the sources that there are with the chances that Cycles would choose them with."""
     kinds = [source.kind for source in sources]
-    chances = find_chances(kinds.count(LAMP) + (WORLD in kinds), GEOMETRY in kinds)
+    chances = find_chances(kinds.count(LIGHT) + (WORLD in kinds), GEOMETRY in kinds)
     return tuple(replace(source, chance=chances.get(source.kind, 1.0)) for source in sources)
 
 
-def find_chances(lamps: int, geometry: bool) -> dict[int, float]:
-    """Return the chances with which one of so many lamps is chosen, and shining geometry: a half for either kind, where
+def find_chances(lights: int, geometry: bool) -> dict[int, float]:
+    """Return the chances that Cycles picks one of so many lights, or emissive geometry: a half for either kind, where
     there are both."""
-    every = 0.5 if lamps and geometry else 1.0
-    return {LAMP: every / max(lamps, 1), WORLD: every / max(lamps, 1), GEOMETRY: every}
+    every = 0.5 if lights and geometry else 1.0
+    return {LIGHT: every / max(lights, 1), WORLD: every / max(lights, 1), GEOMETRY: every}
 
 
-def lamp_source(light: Light, weigh: bool, links: LightLinks | None = None) -> LightSource:
-    """A lamp: two pairs of numbers at most.
+def light_source(light: Light, weigh: bool, links: LightLinks | None = None) -> LightSource:
+    """A light: two pairs of numbers at most.
 
-    weigh : False where no reflected ray can meet the lamp
+    weigh : False where no reflected ray can meet the light
     """
-    # Without extent all shadow rays of a lamp end at one point, or run in one direction.
+    # Without extent all shadow rays of a light end at one point, or run in one direction.
     key_of_own = ALONE if has_extent(light) else 0
     shareable = is_shareable(light)
 
-    def sample(points: LitPoints) -> Aim:
+    def sample(points: ShadingPoints) -> KeyedSamples:
         shared = points.sampler.shared
         if shareable and shared is not None:
             targets = share_points(light, shared, points.sampler.dimension).take(shared.key, axis=0)
-            aim = Aim(sample_shared(light, points.surface.position, targets, weigh), shared.key.astype(np.int32))
+            aim = KeyedSamples(
+                sample_shared(light, points.surface.position, targets, weigh), shared.key.astype(np.int32)
+            )
             _replace_near(light, points, aim)
             return aim
         pair = points.sampler.uniform_pair()
-        return Aim(sample_light(light, points.surface.position, pair), _fill_keys(points, key_of_own))
+        return KeyedSamples(sample_light(light, points.surface.position, pair), _fill_keys(points, key_of_own))
 
     find_lit = partial(links.find_lit, light.receivers) if links is not None and light.receivers != ALL_SETS else None
     return LightSource(sample, 2, light.cast_shadow, light.seen_by, find_lit=find_lit)
 
 
-def _replace_near(light: Light, points: LitPoints, aim: Aim) -> None:
-    """Give points near a lamp a sample of their own."""
+def _replace_near(light: Light, points: ShadingPoints, aim: KeyedSamples) -> None:
+    """Give points near a light a sample of their own."""
     rows = np.flatnonzero(is_near(light, points.surface.position))
     if not len(rows):
         return
@@ -144,7 +152,7 @@ def _replace_near(light: Light, points: LitPoints, aim: Aim) -> None:
     aim.key[rows] = ALONE
 
 
-def _fill_keys(points: LitPoints, key: int) -> Keys:
+def _fill_keys(points: ShadingPoints, key: int) -> Keys:
     return np.full(len(points.surface), key, dtype=np.int32)
 
 
@@ -152,12 +160,12 @@ def emitter_source(emitters: Emitters, links: LightLinks | None = None) -> Light
     """All emissive geometry: a number to choose by, and a pair for the place."""
     shareable = not emitters.has_spheres
 
-    def sample(points: LitPoints) -> Aim:
+    def sample(points: ShadingPoints) -> KeyedSamples:
         dimension, shared = points.sampler.dimension, points.sampler.shared
         if shareable and shared is not None:
             picked, pair = pick_emitters(emitters, shared.uniform(dimension)), shared.uniform_pair(dimension + 1)
             places = place_on_triangles(emitters, picked, pair).select(shared.key)
-            light = aim_at_triangles(places, points.surface)
+            light = sample_placed(places, points.surface)
             picked, pair, key = picked[shared.key], pair[shared.key], shared.key.astype(np.int32)
             vary_radiance(emitters, picked, pair, points.surface, light)
         else:
@@ -166,7 +174,7 @@ def emitter_source(emitters: Emitters, links: LightLinks | None = None) -> Light
         if links is not None:
             lit = links.find_lit(links.receivers[emitters.instance[picked]], points.surface.instance)
             light.weight[~lit] = 0.0
-        return Aim(light, key)
+        return KeyedSamples(light, key)
 
     return LightSource(sample, 2, kind=GEOMETRY)
 
@@ -177,15 +185,15 @@ def world_sources(environment: Environment) -> list[LightSource]:
     Cycles looks for the light of an even world with paths alone, which go on behind all that is transparent.
     """
 
-    def sample(way: Way, points: LitPoints) -> Aim:
+    def sample(way: WorldSampler, points: ShadingPoints) -> KeyedSamples:
         normal = points.shading.normal
         direction = way(normal, points.sampler.uniform_pair())
         density = environment_density(environment, normal, direction)
         share = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
-        weight = share[:, np.newaxis] * find_environment(environment, direction)
+        weight = share[:, np.newaxis] * evaluate_environment(environment, direction)
         light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
-        return Aim(light, _fill_keys(points, ALONE))
+        return KeyedSamples(light, _fill_keys(points, ALONE))
 
     even = environment.program is None
     kind = OTHER if even else WORLD
-    return [LightSource(partial(sample, way), 1, unstopped=even, kind=kind) for way in list_ways(environment)]
+    return [LightSource(partial(sample, way), 1, unstopped=even, kind=kind) for way in list_world_samplers(environment)]

@@ -14,7 +14,7 @@ import numpy as np
 from raytracer.arrays.rows import any_column, sum_columns
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
-from raytracer.bsdfs.bsdf import Continuation, option_probabilities, sample_continuation
+from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Hits, Rays
 from raytracer.integrator.bounces import CERTAIN_BOUNCES, classify_rays, find_ended, survival_probability
@@ -22,38 +22,38 @@ from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
 from raytracer.integrator.contributions import (
     add_background,
     add_emission,
-    add_lamps,
+    add_visible_lights,
     cut_holes,
     describe_path,
     describe_surface,
     divide_shadow,
     finish_alpha,
 )
-from raytracer.integrator.direct_light import aim_at_lights
+from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import CHOICE, FIRST_SOURCE, WAY, Integrator
-from raytracer.integrator.light_sources import LitPoints
+from raytracer.integrator.light_sources import ShadingPoints
 from raytracer.integrator.paths import Paths, Record, advance, join_paths, start_paths, start_record
 from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_split, start_catching
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
 from raytracer.sampling.sampler import Sampler, share_samples
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.shading.materials import make_shading
 from raytracer.surfaces.surface import Surface, make_surface
 
 # Paths shaded together; casts take whole waves.
 PART_SIZE = 1 << 15
-# Most shadow rays that are kept to be cast together; bounds the memory that many lamps take.
+# Most shadow rays that are kept to be cast together; bounds the memory that many lights take.
 SHADOW_BATCH = 1 << 20
 
 
-def trace(integrator: Integrator, rays: Rays, samples: PixelSamples) -> dict[str, Floats]:
+def trace(integrator: Integrator, rays: Rays, samples: SobolSamples) -> dict[str, Floats]:
     """Return what n rays see: (n, channels) float64 for each of the settings' passes.
 
     Parameters
     ----------
     integrator : of `prepare`
     rays : n camera rays, of any length of direction; t is the depth
-    samples : n PixelSamples
+    samples : n SobolSamples
     """
     record = start_record(integrator.settings, rays)
     start_catching(integrator, record, rays)
@@ -70,7 +70,7 @@ def follow(integrator: Integrator, record: Record, paths: Paths, sampler: Sample
     while len(paths):
         hits = integrator.cast(paths.rays, classify_rays(paths.kind))
         add_background(integrator, record, paths, hits)
-        add_lamps(integrator, record, paths, hits)
+        add_visible_lights(integrator, record, paths, hits)
         met = np.flatnonzero(hits.hit)
         paths, hits = cut_holes(integrator, record, paths.select(met), hits.select(met))
         follow_split(integrator, record, paths, hits, sampler)
@@ -129,17 +129,17 @@ def shade(integrator: Integrator, record: Record, paths: Paths, hits: Hits, samp
         return Shaded([], pass_straight(integrator, record, paths, hits, surface, shading))
     sampler = sampler.select(paths.row)
     ended = find_ended(paths.bounces, integrator.settings) | find_closed(integrator, paths)
-    probabilities = weigh_options(integrator, paths, shading, ended)
-    aimed = aim_at_lights(
+    probabilities = weigh_lobes(integrator, paths, shading, ended)
+    aimed = sample_lights(
         integrator.sources,
-        LitPoints(surface, shading, paths.passages, sampler.skip(FIRST_SOURCE)),
+        ShadingPoints(surface, shading, paths.passages, sampler.skip(FIRST_SOURCE)),
         probabilities,
         np.where(ended[:, np.newaxis], 0.0, paths.throughput),
         paths.row,
     )
     if not integrator.goes_on:
         return Shaded(aimed, paths.select(slice(0, 0)))
-    way = sample_continuation(shading, probabilities, sampler.uniform(CHOICE), sampler.uniform_pair(WAY))
+    way = sample_bsdf(shading, probabilities, sampler.uniform(CHOICE), sampler.uniform_pair(WAY))
     way = cut_short(integrator, paths, way, sampler.skip(integrator.dimensions - 1))
     return Shaded(aimed, advance(paths, hits, surface, shading, way))
 
@@ -149,7 +149,7 @@ def find_closed(integrator: Integrator, paths: Paths) -> Booleans:
     return paths.passages >= max(integrator.settings.transparent_bounces, 1)
 
 
-def weigh_options(integrator: Integrator, paths: Paths, shading: Shading, ended: Booleans) -> Floats:
+def weigh_lobes(integrator: Integrator, paths: Paths, shading: Shading, ended: Booleans) -> Floats:
     """Return the probabilities of the ways to go on.
 
     A path that has used up its bounces still sees what shines where it ends: light sampling has counted on that. Where
@@ -157,7 +157,7 @@ def weigh_options(integrator: Integrator, paths: Paths, shading: Shading, ended:
     geometry shines, for close by, in corners, no other way of sampling keeps the noise finite, nor where light comes
     through from behind, where nobody looks for the world.
     """
-    probabilities = option_probabilities(shading, integrator.interreflects)
+    probabilities = lobe_probabilities(shading, integrator.interreflects)
     if ended.any():
         open_ = ended & ~find_closed(integrator, paths)
         probabilities[ended, 0] = (open_ & any_column(shading.transparency > 0))[ended]
@@ -175,7 +175,7 @@ def weigh_options(integrator: Integrator, paths: Paths, shading: Shading, ended:
     return probabilities
 
 
-def cut_short(integrator: Integrator, paths: Paths, way: Continuation, sampler: Sampler) -> Continuation:
+def cut_short(integrator: Integrator, paths: Paths, way: BsdfSample, sampler: Sampler) -> BsdfSample:
     """End paths that could see nothing but what shines, where nothing does, and some of those that carry little light
     (Russian roulette), for which the others count more."""
     counts = count_bounces(paths.bounces, way.kind)
@@ -206,7 +206,7 @@ def pass_straight(
     integrator: Integrator, record: Record, paths: Paths, hits: Hits, surface: Surface, shading: Shading
 ) -> Paths:
     """Without light, only rays that have not found their opaque surface go on, and straight."""
-    way = Continuation(
+    way = BsdfSample(
         direction=-shading.outgoing,
         weight=shading.transparency * (~record.settled[paths.row] & ~find_closed(integrator, paths))[:, np.newaxis],
         density=np.full(len(paths), np.inf),

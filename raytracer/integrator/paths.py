@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from raytracer.arrays.rows import take_rows
 from raytracer.arrays.types import Booleans, Counts, Floats, Kinds
 from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
-from raytracer.bsdfs.bsdf import Continuation
+from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Hits, Rays, join_rays
 from raytracer.film.passes import PASSES
@@ -167,7 +167,7 @@ def start_record(settings: Settings, rays: Rays) -> Record:
     return Record(passes, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count), unshadowed, limit)
 
 
-def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: Continuation) -> Paths:
+def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: BsdfSample) -> Paths:
     """Return the paths that go on, at the start of their next stretch."""
     alive = np.flatnonzero(way.alive)
     old, direction = paths.select(alive), take_rows(way.direction, alive)

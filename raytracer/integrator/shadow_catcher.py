@@ -1,7 +1,7 @@
 """Shadow catchers: objects that stand for surfaces of the footage which the picture will be laid over.
 
 The first catcher that a camera path meets splits it. One half goes on as if the catcher were any object; the other
-where there is nothing but catchers, with the lamps and the world that belong to the footage. What the one sees over
+where there is nothing but catchers, with the lights and the world that belong to the footage. What the one sees over
 what the other sees is the factor by which the rest of the scene changes the light of the footage; `film.show_shadows`
 turns it into a picture. Whatever meets a catcher later, such as a reflection in a mirror, sees an ordinary object.
 

@@ -34,8 +34,8 @@ class ShadowRays:
 
     row : (k,) int64, of the batch, that they light
     light : (k, 3) float64, what arrives if nothing is in the way
-    key : (k,) int32, as in Aim
-    passages : (k,) int32, as in LitPoints
+    key : (k,) int32, as in KeyedSamples
+    passages : (k,) int32, as in ShadingPoints
     rays : None where the source throws no shadows
     unstopped, chance : as in LightSource
     """

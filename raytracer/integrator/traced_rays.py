@@ -47,7 +47,7 @@ class Hit:
 class Shadow:
     """A ray from a hit to a light.
 
-    source : number of the lamp among the scene's lights, EMITTERS or WORLD
+    source : number of the light among the scene's lights, EMITTERS or WORLD
     origin, direction : o + t d is at the light for t = reach, infinite for sun and world
     light : (3,) what it adds to the color of its ray if nothing is in the way
     share : (3,) the share of that which arrives
@@ -83,7 +83,7 @@ class TracedRay:
     weight : (3,) what its color counts in its parent's
     color : (3,) radiance that comes back along it: what shines at its end, `shadows`, and its children
     hit : None where it hits nothing
-    dark : numbers of the lamps that are on, but of which its surface would send nothing back along it
+    dark : numbers of the lights that are on, but of which its surface would send nothing back along it
     is_cut : True where rays on from it were left out
     """
 

@@ -1,4 +1,4 @@
-"""Lights: lamps, emissive geometry and the world, each sampled and evaluated.
+"""Light sources: lights, emissive geometry and the world, each sampled and evaluated.
 
 In: points that wait for light. Out: directions, radiance over density, densities.
 """

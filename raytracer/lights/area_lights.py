@@ -1,4 +1,4 @@
-"""Area lamps: rectangles and ellipses that shine to one side, with Blender's spread.
+"""Area lights: rectangles and ellipses that shine to one side, with Blender's spread.
 
 Rectangles are sampled evenly over the solid angle of the part that can light the point, full ellipses over their area.
 """
@@ -38,9 +38,9 @@ def unit_axes(light: AreaLight) -> tuple[Floats, Floats, Floats]:
 
 
 def area_spread_factor(light: AreaLight, cosine: Floats) -> Floats:
-    """Return (tan h - tan x) / (tan h - h) for the angle x off the lamp's axis and half the spread h, 0 beyond it.
+    """Return (tan h - tan x) / (tan h - h) for the angle x off the light's axis and half the spread h, 0 beyond it.
 
-    The share of light that the slats of a soft box let through at x, normalized to keep the lamp's power:
+    The share of light that the slats of a soft box let through at x, normalized to keep the light's power:
     2 integral_0^h (tan h - tan x) cos x sin x dx = tan h - h.
 
     cosine : (n,) float64, cos x
@@ -67,8 +67,8 @@ def _area_radiance(light: AreaLight, cosine: Floats) -> Floats:
 
 
 def _visible_part(light: AreaLight, positions: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the part of the lamp's rectangle that can light each point: low (n, 2), high (n, 2) along u and v from the
-    centre, and the height (n,) of the point over the lamp's plane, on the side that shines."""
+    """Return the part of the rectangle that can light each point: low (n, 2), high (n, 2) along u and v from the
+    centre, and the height (n,) of the point over the light's plane, on the side that shines."""
     u, v, axis = unit_axes(light)
     offset = positions - light.position
     height = dot(offset, axis)
@@ -82,7 +82,7 @@ def _visible_part(light: AreaLight, positions: Floats) -> tuple[Floats, Floats, 
 
 
 def _is_sampled_by_area(light: AreaLight) -> bool:
-    """A full ellipse is sampled evenly on its area; every other lamp by the solid angle of a rectangle around it."""
+    """A full ellipse is sampled evenly on its area; every other light by the solid angle of a rectangle around it."""
     return light.shape == "ellipse" and light.spread >= np.pi
 
 
@@ -106,13 +106,13 @@ def sample_area(light: AreaLight, positions: Floats, pair: Floats) -> LightSampl
 
 
 def _relative(light: AreaLight, positions: Floats) -> Floats:
-    """Return positions in the lamp's frame (u, v, shining axis), from its centre."""
+    """Return positions in the light's frame (u, v, shining axis), from its centre."""
     offset = positions - light.position
     return np.stack([dot(offset, axis) for axis in unit_axes(light)], axis=1)
 
 
 def _is_inside(light: AreaLight, local: Floats) -> Booleans:
-    """True where points (n, 2) of the lamp's plane lie on its ellipse; rectangles are sampled within their border."""
+    """True where points (n, 2) of the light's plane lie on its ellipse; rectangles are sampled within their border."""
     if light.shape == "rectangle":
         return np.ones(len(local), dtype=np.bool_)
     half_u, half_v = length(light.axis_u) / 2.0, length(light.axis_v) / 2.0
@@ -132,7 +132,7 @@ def _area_density(
 
 
 def _sample_parallel_area(light: AreaLight, positions: Floats) -> LightSamples:
-    """A spread of 0: parallel light along the axis, irradiance P / A where the point lies below the lamp."""
+    """A spread of 0: parallel light along the axis, irradiance P / A where the point lies below the light."""
     u, v, axis = unit_axes(light)
     offset = positions - light.position
     local = np.stack([dot(offset, u) / length(light.axis_u), dot(offset, v) / length(light.axis_v)], axis=1)

@@ -234,13 +234,13 @@ def _aim_at_picked(emitters: Emitters, surface: Surface, picked: NDArray[np.intp
     """Sample directions to emitters `picked` (n,) as if those that vary had radiance 1."""
     spheres = np.flatnonzero(emitters.instance[picked] >= emitters.tables.instance_count)
     if not len(spheres):
-        return aim_at_triangles(place_on_triangles(emitters, picked, pair), surface)
+        return sample_placed(place_on_triangles(emitters, picked, pair), surface)
     samples = LightSamples(
         *(np.zeros(shape) for shape in ((len(picked), 3), len(picked), (len(picked), 3), len(picked)))
     )
     flat = np.flatnonzero(emitters.instance[picked] < emitters.tables.instance_count)
     for rows, part in (
-        (flat, aim_at_triangles(place_on_triangles(emitters, picked[flat], pair[flat]), surface.select(flat))),
+        (flat, sample_placed(place_on_triangles(emitters, picked[flat], pair[flat]), surface.select(flat))),
         (spheres, _aim_at_spheres(emitters, surface.select(spheres), picked[spheres], pair[spheres])),
     ):
         for name in ("direction", "distance", "weight", "density"):
@@ -291,7 +291,7 @@ def place_on_triangles(emitters: Emitters, picked: NDArray[np.intp], pair: Float
     )
 
 
-def aim_at_triangles(points: EmitterPoints, surface: Surface) -> LightSamples:
+def sample_placed(points: EmitterPoints, surface: Surface) -> LightSamples:
     """Return the samples from each point of `surface` towards one of `points`: density t^2 / cos of that per area."""
     offset = points.position - surface.position
     distance = length(offset)

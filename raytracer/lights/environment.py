@@ -47,7 +47,7 @@ from raytracer.surfaces.surface import Surface
 from raytracer.surfaces.surface_tables import make_surface_tables
 
 # Unit directions (n, 3) to the world from points with shading normals (n, 3), for uniform numbers (n, 2).
-Way = Callable[[Floats, Floats], Floats]
+WorldSampler = Callable[[Floats, Floats], Floats]
 # Cells of the map along the horizon: as many as the widest image has pixels, within these limits.
 SMALLEST_WIDTH, LARGEST_WIDTH = 512, 2048
 # Directions evaluated at a time, to bound memory.
@@ -94,7 +94,7 @@ def _make_tables(program: Program, camera: Camera | None, frame: tuple[int, int]
 # Radiance
 
 
-def find_environment(environment: Environment, directions: Floats, path: LightPath | None = None) -> Floats:
+def evaluate_environment(environment: Environment, directions: Floats, path: LightPath | None = None) -> Floats:
     """Return what arrives from directions (n, 3) of any length: (3,) or (n, 3).
 
     path : how rays came that left into them; None where light is sampled, as in Cycles
@@ -129,7 +129,7 @@ def _make_site(environment: Environment, directions: Floats, path: LightPath | N
 # Sampling
 
 
-def list_ways(environment: Environment) -> list[Way]:
+def list_world_samplers(environment: Environment) -> list[WorldSampler]:
     """Return the ways in which light from the world is sampled, each once: around the normal, and after the map."""
 
     def sample_around(normal: Floats, pair: Floats) -> Floats:
@@ -192,7 +192,7 @@ def _evaluate_corners(environment: Environment, height: int, width: int) -> Floa
     for first in range(0, height + 1, rows):
         v = np.arange(first, min(first + rows, height + 1)) / height
         directions = place_equirectangular(u, v[:, np.newaxis]).reshape(-1, 3)
-        radiance = np.broadcast_to(find_environment(environment, directions), directions.shape)
+        radiance = np.broadcast_to(evaluate_environment(environment, directions), directions.shape)
         corners[first : first + len(v)] = radiance.mean(axis=1).reshape(len(v), width)
     return corners
 

@@ -1,4 +1,4 @@
-"""Light linking: lamps, and objects that shine, may light some objects only.
+"""Light linking: lights, and emissive objects, may light some objects only.
 
 Every object belongs to a set, every emitter lights some sets. The camera sees all emitters; a reflected ray sees what
 lights the object that reflected it, so both ways of sampling light agree.

@@ -30,9 +30,9 @@ class LightSamples:
 
     direction : (n, 3) float64, unit, from the point to the light
     distance : (n,) float64, metres, how far a shadow ray has to go; inf for a sun
-    weight : (n, 3) float64, radiance / density; for a lamp without extent the irradiance on a plane that faces it
+    weight : (n, 3) float64, radiance / density; for a light without extent the irradiance on a plane that faces it
     density : (n,) float64, per solid angle, by which the sample is weighed against other ways to the light; inf where
-        there is none (a lamp without extent), 0 where nothing was sampled
+        there is none (a light without extent), 0 where nothing was sampled
     target : (n, 3) float64, the point of the light that shadow rays aim at, the same for all points that share it; None
         where each has a direction of its own
     reach : (n,) float64, how far a shadow ray has to go, in units of the way to `target`; None without one
@@ -48,10 +48,10 @@ class LightSamples:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LightHits:
-    """What n rays see of a lamp.
+    """What n rays see of a light.
 
-    distance : (n,) float64, metres, to the lamp; inf for a sun and where the lamp is missed
-    radiance : (n, 3) float64, 0 where the lamp is missed
+    distance : (n,) float64, metres, to the light; inf for a sun and where the light is missed
+    radiance : (n, 3) float64, 0 where the light is missed
     density : (n,) float64, with which `sample` would have taken this direction, per solid angle; 0 where missed
     """
 
@@ -74,7 +74,7 @@ def without_extent(direction: Floats, distance: Floats, irradiance: Floats) -> L
 
 
 def divide_rows(numerator: Floats, denominator: Floats) -> Floats:
-    """numerator / denominator by rows, 0 where the denominator is 0 (the point lies on the lamp itself)."""
+    """numerator / denominator by rows, 0 where the denominator is 0 (the point lies on the light itself)."""
     denominator = denominator.reshape(-1, *(1,) * (numerator.ndim - 1))
     return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=denominator > 0)
 

@@ -1,16 +1,16 @@
-"""Lamps: what they send to a point, and what a ray that meets one sees.
+"""Lights: what they send to a point, and what a ray that meets one sees.
 
-Every lamp answers two questions, each by one function per kind:
+Every light answers two questions, each by one function per kind:
 
-    sample     a direction towards the lamp from each point, with its density in solid angle
-    evaluate   the radiance and the density of a given direction, by intersecting the lamp's shape in closed form
+    sample     a direction towards the light from each point, with its density in solid angle
+    evaluate   the radiance and the density of a given direction, by intersecting the light's shape in closed form
                (lecture, "Ray-Object Intersection": line and plane, point and line)
 
-so that light arriving through sampled surface reflection can be weighed against light sampled here. Lamps are not part
-of the geometry: they stop no ray, and no ray stops at them. Lamps without extent are reached by `sample` only.
+so that light arriving through sampled surface reflection can be weighed against light sampled here. Lights are not part
+of the geometry: they stop no ray, and no ray stops at them. Lights without extent are reached by `sample` only.
 
-Units and conventions are those of Blender's Cycles (intern/cycles/scene/light.cpp and kernel/light/*.h): a point lamp
-of P watts has the radiant intensity P / (4 pi), an area lamp of area A the radiance P / (pi A), a sun its irradiance.
+Units and conventions are those of Blender's Cycles (intern/cycles/scene/light.cpp and kernel/light/*.h): a point light
+of P watts has the radiant intensity P / (4 pi), an area light of area A the radiance P / (pi A), a sun its irradiance.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def evaluate_light(light: Light, origins: Floats, directions: Floats) -> LightHi
 
 
 def has_extent(light: Light) -> bool:
-    """True where a ray can meet the lamp."""
+    """True where a ray can meet the light."""
     if isinstance(light, SunLight):
         return light.angle > 0
     if isinstance(light, AreaLight):
@@ -74,7 +74,7 @@ def has_extent(light: Light) -> bool:
 
 
 def _point_radiance(light: PointLight, directions: Floats) -> Floats:
-    """Return what leaves the lamp against `directions` (n, 3), dimmed by a spot's cone.
+    """Return what leaves the light against `directions` (n, 3), dimmed by a spot's cone.
 
     The radiance P / (4 pi r^2) / pi of a ball or a facing disk of radius r, the intensity P / (4 pi) where r = 0.
     """
@@ -86,9 +86,9 @@ def _point_radiance(light: PointLight, directions: Floats) -> Floats:
 def spot_attenuation(light: SpotLight, directions: Floats) -> Floats:
     """Return 3 x^2 - 2 x^3 with x = (cos theta - cos(size / 2)) / (blend (1 - cos(size / 2))), limited to [0, 1].
 
-    theta is the angle to the spot's axis, measured in the lamp's own space, so that a scaled lamp has an elliptic cone.
+    theta is the angle to the spot's axis, measured in the light's own space: a scaled light has an elliptic cone.
 
-    directions : (n, 3) float64, from the lit points to the lamp
+    directions : (n, 3) float64, from the lit points to the light
     """
     local = normalize(np.linalg.solve(light.world_from_light, -directions.T).T)
     edge = np.cos(light.spot_size / 2.0)
@@ -101,7 +101,7 @@ def spot_attenuation(light: SpotLight, directions: Floats) -> Floats:
 
 
 def _sample_facing_disk(light: PointLight, positions: Floats, pair: Floats) -> LightSamples:
-    """A disk of the lamp's radius that faces each point ("soft falloff"), or the point itself where the radius is 0.
+    """A disk of the light's radius that faces each point ("soft falloff"), or the point itself where the radius is 0.
 
     Density r^-2 / pi on the disk is t^2 / (pi r^2 cos) in solid angle.
     """

@@ -1,11 +1,11 @@
-"""One point of a lamp, or one direction to the sun, for many points of surfaces.
+"""One point of a light, or one direction to the sun, for many points of surfaces.
 
 Shadow rays that end at one point, or run in one direction, cost a fraction of others: cast from the light they are a
-perspective, or a parallel, view of the scene. So a pass over the picture takes one point of each lamp, as an
+perspective, or a parallel, view of the scene. So a pass over the picture takes one point of each light, as an
 accumulation buffer does, and neighbouring pixels take different ones ("interleaved"), which turns the steps that single
 points would leave in a penumbra into a fine grain. Each pixel for itself is sampled as with points of its own.
 
-A point is taken even over an area lamp, and from within the ball of a point lamp with the density
+A point is taken even over an area light, and from within the ball of a point light with the density
 1 / (pi^2 r^2 sqrt(r^2 - rho^2)) at the distance rho from its centre, the shadow that an even sphere in four dimensions
 throws on three. Its own shadow on any plane is an even disk, so the ball is covered evenly as seen from everywhere: the
 direction to the point, along a chord of half length h whose middle is at the distance t, has the density
@@ -33,7 +33,7 @@ from raytracer.scene.scene import Scene
 
 # A view from the light costs about as much for a triangle as the tree does for this many rays.
 RAYS_PER_TRIANGLE = 0.1
-# With fewer rays in a call NumPy's calls cost more than their arithmetic, and joining the lamps' rays costs less.
+# With fewer rays in a call NumPy's calls cost more than their arithmetic, and joining the lights' rays costs less.
 SMALLEST_CALL = 1 << 14
 # From so many samples on, one point for the whole picture leaves no steps to see; at 64 they still show in a wide
 # penumbra.
@@ -56,12 +56,12 @@ def count_primitives(scene: Scene) -> int:
 
 
 def is_shareable(light: Light) -> bool:
-    """True for lamps with extent; slats (spread) would hide most points of an area lamp from most surfaces."""
+    """True for lights with extent; slats (spread) would hide most points of an area light from most surfaces."""
     return has_extent(light) and not (isinstance(light, AreaLight) and light.spread < np.pi)
 
 
 def share_points(light: Light, samples: SharedSamples, dimension: int) -> Floats:
-    """Return the points (k, 3) of a lamp, or the directions to a sun, for k sets of pixels; uses two dimensions."""
+    """Return the points (k, 3) of a light, or the directions to a sun, for k sets of pixels; uses two dimensions."""
     pair = samples.uniform_pair(dimension)
     if isinstance(light, SunLight):
         return sample_light(light, np.zeros((len(pair), 3)), pair).direction
@@ -77,9 +77,9 @@ def share_points(light: Light, samples: SharedSamples, dimension: int) -> Floats
 
 
 def is_near(light: Light, positions: Floats) -> Booleans:
-    """True where a lamp fills so much of the view that points of (n, 3) surfaces had better choose their own.
+    """True where a light fills so much of the view that points of (n, 3) surfaces had better choose their own.
 
-    Within its diameter from the centre the solid angle of a lamp's parts varies by more than its distance does.
+    Within its diameter from the centre the solid angle of a light's parts varies by more than its distance does.
     """
     if isinstance(light, SunLight):
         return np.zeros(len(positions), dtype=np.bool_)

@@ -20,7 +20,7 @@ from raytracer.integrator.settings import WORD_LIMIT, Settings, check_integer
 from raytracer.lights.shared_points import choose_interleaving
 from raytracer.processes.workers import Workers
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
 
@@ -205,13 +205,13 @@ class BlockTracer:
         return BlockResult(block, values, centre_values, rays, seconds)
 
     def _trace(
-        self, integrator: Integrator, x: Floats, y: Floats, samples: PixelSamples, lens: Floats | None = None
+        self, integrator: Integrator, x: Floats, y: Floats, samples: SobolSamples, lens: Floats | None = None
     ) -> Mapping[str, Floats]:
         rays = primary_rays(self._view.camera, self._view.full_width, self._view.full_height, x, y, lens)
         return trace(integrator, rays, samples)
 
 
-def locate_pixels(view: View, block: Block, seed: int) -> tuple[PixelSamples, Floats, Floats]:
+def locate_pixels(view: View, block: Block, seed: int) -> tuple[SobolSamples, Floats, Floats]:
     """Return a block's samples, one sample of all its pixels after the other, and the pixels' centres (x, y).
 
     Pixels are numbered within the full picture, so that a border changes none of them.
@@ -225,4 +225,4 @@ def locate_pixels(view: View, block: Block, seed: int) -> tuple[PixelSamples, Fl
     if side:
         group = np.tile((row % side * side + column % side).astype(np.uint8), block.samples)
     pixel, column, row = (np.tile(values, block.samples) for values in (pixel, column, row))
-    return PixelSamples(pixel, sample, seed, group), column + 0.5, row + 0.5
+    return SobolSamples(pixel, sample, seed, group), column + 0.5, row + 0.5

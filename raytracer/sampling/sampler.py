@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 
 # Dimensions from here on belong to the sets of pixels that share samples.
 SHARED_DIMENSION = 2**31
@@ -20,11 +20,11 @@ class SharedSamples:
     """One sample of each of k sets of pixels, which n pixels share.
 
     key : (n,) unsigned, the set's sample that each pixel takes, 0 <= key < k
-    of_sets : k PixelSamples, numbered by set
+    of_sets : k SobolSamples, numbered by set
     """
 
     key: NDArray[np.unsignedinteger[Any]]
-    of_sets: PixelSamples
+    of_sets: SobolSamples
 
     def select(self, index: Any) -> SharedSamples:
         """Return what some of the pixels share: index or boolean array."""
@@ -43,12 +43,12 @@ class SharedSamples:
 class Sampler:
     """Where n paths take their numbers from.
 
-    own : n PixelSamples
+    own : n SobolSamples
     shared : what they share with others; None for nothing
     dimension : the first of the numbered dimensions that are theirs to use; the methods count from there
     """
 
-    own: PixelSamples
+    own: SobolSamples
     shared: SharedSamples | None
     dimension: int
 
@@ -69,7 +69,7 @@ class Sampler:
         return self.own.uniform_pair(self.dimension + dimension)
 
 
-def share_samples(samples: PixelSamples) -> SharedSamples | None:
+def share_samples(samples: SobolSamples) -> SharedSamples | None:
     """Return what the pixels of each set share; None where they share nothing."""
     if samples.group is None or not len(samples):
         return None
@@ -78,4 +78,4 @@ def share_samples(samples: PixelSamples) -> SharedSamples | None:
     key = (sample - first) * sets + samples.group
     count = int(key.max()) + 1
     number, group = np.divmod(np.arange(count, dtype=np.uint32), sets)
-    return SharedSamples(key.astype(np.min_scalar_type(count)), PixelSamples(group, number + first, samples.seed))
+    return SharedSamples(key.astype(np.min_scalar_type(count)), SobolSamples(group, number + first, samples.seed))

@@ -34,7 +34,7 @@ _LEVELS = ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PixelSamples:
+class SobolSamples:
     """One sample of each of n pixels.
 
     pixel : (n,) uint32, index of the pixel in the full picture, y * width + x
@@ -53,10 +53,10 @@ class PixelSamples:
     def __len__(self) -> int:
         return len(self.pixel)
 
-    def select(self, index: Any) -> PixelSamples:
+    def select(self, index: Any) -> SobolSamples:
         """Return the samples of some of the pixels: index or boolean array."""
         sample = self.sample[index] if isinstance(self.sample, np.ndarray) else self.sample
-        return PixelSamples(self.pixel[index], sample, self.seed, None if self.group is None else self.group[index])
+        return SobolSamples(self.pixel[index], sample, self.seed, None if self.group is None else self.group[index])
 
     def uniform(self, dimension: int) -> Floats:
         """Return (n,) float64 in [0, 1)."""

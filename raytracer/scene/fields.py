@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.checks import as_array, require_finite, require_range
 
-# The classes of rays that may see an object or a lamp, as bits; shadow rays look for light from a surface.
+# The classes of rays that may see an object or a light, as bits; shadow rays look for light from a surface.
 SEEN_BY = {"camera": 1, "diffuse": 2, "glossy": 4, "transmission": 8, "shadow": 16}
 SEEN_BY_ALL = sum(SEEN_BY.values())
 # Each object belongs to one of so many sets; what shines lights some of them, as bits of a number.

@@ -1,4 +1,4 @@
-"""Lamps, in Blender's units: watts, and W/m^2 for the sun."""
+"""Lights, in Blender's units: watts, and W/m^2 for the sun."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from raytracer.scene.fields import (
 )
 from raytracer.scene.programs import Program, Register, check_register
 
-# What sees a lamp as Blender makes it; shadow rays have nothing to do with it.
-LAMP_SEEN_BY = SEEN_BY_ALL - SEEN_BY["camera"]
+# Blender's default ray visibility of a light; shadow rays are not affected.
+LIGHT_SEEN_BY = SEEN_BY_ALL - SEEN_BY["camera"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +30,11 @@ class PointLight:
     """A sphere, or a point where radius is 0, that emits `power` watts (linear RGB) into all directions.
 
     soft_falloff : Blender's option: a disk that faces the shaded point instead of a true sphere
-    seen_by : bits of SEEN_BY, the classes of rays that meet the lamp; light that a lamp sends to a surface is reflected
-        only in the ways in which it is seen. So for all lamps
-    shadow_catcher : True for a lamp that is part of what shadow catchers stand for: they know its light without the
-        other objects. So for all lamps
-    receivers : the sets of objects that it lights, as bits: 1 << light_set. So for all lamps
+    seen_by : bits of SEEN_BY, the classes of rays that meet the light; what it sends to a surface is reflected only in
+        the ways in which it is seen. So for all lights
+    shadow_catcher : True for a light that is part of what shadow catchers stand for: they know its light without the
+        other objects. So for all lights
+    receivers : the sets of objects that it lights, as bits: 1 << light_set. So for all lights
     """
 
     position: Any
@@ -43,7 +43,7 @@ class PointLight:
     soft_falloff: bool = True
     cast_shadow: bool = True
     name: str = ""
-    seen_by: int = LAMP_SEEN_BY
+    seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
 
@@ -97,7 +97,7 @@ class SunLight:
     angle: float = 0.0
     cast_shadow: bool = True
     name: str = ""
-    seen_by: int = LAMP_SEEN_BY
+    seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
 
@@ -132,7 +132,7 @@ class AreaLight:
     spread: float = np.pi
     cast_shadow: bool = True
     name: str = ""
-    seen_by: int = LAMP_SEEN_BY
+    seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
 

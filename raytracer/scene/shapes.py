@@ -119,8 +119,8 @@ class Instances:
     seen_by : (i,) int32, bits of SEEN_BY, the classes of rays that see it; None = all
     shadow_catcher : (i,) bool, True for what stands for a surface of the footage behind the picture: the camera sees of
         it only how the other objects change its light
-    light_set : (i,) int32, the set of objects it belongs to, 0 to 62, that lamps and what shines may light or not;
-        None = 0
+    light_set : (i,) int32, the set of objects it belongs to, 0 to 62, which lights and emissive objects may light or
+        not; None = 0
     receivers : (i,) int64, the sets that it lights where it shines, as bits: 1 << light_set; None = all
     random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
     """

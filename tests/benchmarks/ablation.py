@@ -31,7 +31,7 @@ FACES = np.array(
 )
 CAMERA = raytracer.Camera(np.array([[1, 0, 0, 0], [0, 0.5, -0.866, -14], [0, 0.866, 0.5, 9], [0, 0, 0, 1]], float))
 GREY = raytracer.Closure("diffuse", color=0.6)
-LAMP = {"position": (3.0, -4.0, 9.0), "power": 900.0}
+LIGHT = {"position": (3.0, -4.0, 9.0), "power": 900.0}
 
 
 def make_scene(closure=GREY, normals=False, lamp=None, spheres=False, **fields):
@@ -49,7 +49,7 @@ def make_scene(closure=GREY, normals=False, lamp=None, spheres=False, **fields):
         meshes=[floor, boxes],
         spheres=balls,
         materials=[raytracer.Material((closure,))],
-        lights=[lamp or raytracer.PointLight(**LAMP)],
+        lights=[lamp or raytracer.PointLight(**LIGHT)],
         camera=CAMERA,
         **fields,
     )
@@ -63,7 +63,7 @@ FEATURES = {
         ("area_lights.py", "sample_area"),
     ),
     "world": (lambda: make_scene(world=raytracer.World(0.3)), {}, ("environment.py", "environment_density")),
-    "mirror": (lambda: make_scene(raytracer.Closure("glossy")), {}, ("bsdf.py", "sample_continuation")),
+    "mirror": (lambda: make_scene(raytracer.Closure("glossy")), {}, ("bsdf.py", "sample_bsdf")),
     "rough reflection": (
         lambda: make_scene(raytracer.Closure("glossy", roughness=0.3)),
         {},

@@ -172,7 +172,7 @@ def compare_means(ours: Floats, theirs: Floats, slack: Floats | float = 0.0, poo
 def pool_variance(variance: Floats, side: int) -> Floats:
     """Return the larger of each pixel's variance and its mean over `side` x `side` pixels around, (h, w, c).
 
-    Stratified samples miss a rare event, a sliver of light in a pixel or one more choice of a dim lamp, in all batches
+    Stratified samples miss a rare event, a sliver of light in a pixel or one more choice of a dim light, in all batches
     or in none, and the spread says 0. The neighbours meet the same event at other times.
     """
     reach = side // 2

@@ -91,7 +91,7 @@ class View:
 
 def find_pencil(rays: Rays) -> Pencil | None:
     """Return the pencil that rays form, or None: equal origins, equal directions, or equal ends o + t_max d or o + d
-    (shadow rays to a point within a lamp, which end on the lamp's surface)."""
+    (shadow rays to a point within a light, which end on the light's surface)."""
     origins, directions = rays.origins, rays.directions
     if _are_equal(origins):
         return Pencil(origins[0], directions, parallel=False)

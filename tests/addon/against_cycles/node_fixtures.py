@@ -17,7 +17,7 @@ from addon.versions import VERSION, find_node_tree
 from raytracer.film.camera import primary_rays
 from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 
 CELL = 8  # pixels of a plane, each side
 # Cycles takes the place within the pixel from a table of 1024 steps, whose middle lies so much, in pixels, beside it.
@@ -114,7 +114,7 @@ def render_centres(width: int, height: int) -> tuple[NDArray[np.float64], tuple[
     caster = raytracer.build(extraction.scene)
     integrator = prepare(extraction.scene, caster, raytracer.Settings(max_bounces=0), (width, height))
     y, x = np.divmod(np.arange(width * height), width)
-    samples = PixelSamples(np.arange(width * height, dtype=np.uint32), 0, 0)
+    samples = SobolSamples(np.arange(width * height, dtype=np.uint32), 0, 0)
     x, y = x + 0.5 + CYCLES_OFFSET, height - y - 0.5 + CYCLES_OFFSET
     rays = primary_rays(extraction.scene.camera, width, height, x, y)
     return trace(integrator, rays, samples)["Combined"][:, :3].reshape(height, width, 3), extraction.warnings

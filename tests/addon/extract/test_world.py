@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from addon import versions
-from raytracer.lights.environment import find_environment, make_environment
+from raytracer.lights.environment import evaluate_environment, make_environment
 from raytracer.scene.programs import Register
 from raytracer.shading.site import LightPath
 from tests.addon.extract.shaders.shader_trees import add, clear_nodes, extract, texts
@@ -54,7 +54,7 @@ def test_world_hidden_from_the_camera_is_black_to_it(world_tree: Any) -> None:
     bpy.context.scene.world.cycles_visibility.camera = False
     environment = make_environment(extract().scene.world, None, (4, 3))
     up = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-    found = find_environment(environment, up, LightPath({"camera": np.array([1.0, 0.0])}))
+    found = evaluate_environment(environment, up, LightPath({"camera": np.array([1.0, 0.0])}))
     assert_array_equal(found, [(0, 0, 0), (0.25, 0.5, 1)])
 
 

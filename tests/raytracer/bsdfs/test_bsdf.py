@@ -8,7 +8,7 @@ import pytest
 
 import raytracer.bsdfs.microfacet_albedo as albedo
 from raytracer.arrays.vectors import reflect
-from raytracer.bsdfs.bsdf import evaluate_lobes, option_probabilities, sample_continuation
+from raytracer.bsdfs.bsdf import evaluate_lobes, lobe_probabilities, sample_bsdf
 from raytracer.bsdfs.fresnel import (
     dielectric_reflectance,
     metal_coefficient,
@@ -47,7 +47,7 @@ CLOSURES = {
 
 
 class Scattering(NamedTuple):
-    """f |cos| of the Lambertian part and of all lobes, (n, 3), and the density of `sample_continuation`, (n,)."""
+    """f |cos| of the Lambertian part and of all lobes, (n, 3), and the density of `sample_bsdf`, (n,)."""
 
     diffuse: np.ndarray
     specular: np.ndarray
@@ -99,7 +99,7 @@ def sphere_quadrature(cosines=400, angles=200):
 def integrate_lobes(closure, cosine, front, directions, weights):
     """Return the integrals of f cos, (3,), and of the density over all directions."""
     shading = shade(closure, view(cosine, len(directions)), front)
-    scattering = evaluate_scattering(shading, option_probabilities(shading), directions)
+    scattering = evaluate_scattering(shading, lobe_probabilities(shading), directions)
     return (scattering.specular * weights[:, None]).sum(axis=0), (scattering.density * weights).sum()
 
 
@@ -194,7 +194,7 @@ def test_reflection_is_reciprocal_but_for_the_compensation(name):
     values = []
     for outgoing, incoming in ((a, b), (b, a)):
         shading = shade(CLOSURES[name], outgoing)
-        scattering = evaluate_scattering(shading, option_probabilities(shading), incoming)
+        scattering = evaluate_scattering(shading, lobe_probabilities(shading), incoming)
         weight = sum(lobe.weight for lobe in shading.lobes)
         values.append(scattering.specular / incoming[:, 2:3] / weight)
     np.testing.assert_allclose(values[0], values[1], rtol=1e-10)
@@ -211,8 +211,8 @@ def test_refraction_is_reciprocal_up_to_the_squared_index():
         v /= np.linalg.norm(v, axis=1)[:, None]
     closure = CLOSURES["refraction"]
     enter, leave = shade(closure, outgoing), shade(closure, incoming, front=False, normal=(0, 0, -1.0))
-    into = evaluate_scattering(enter, option_probabilities(enter), incoming).specular
-    back = evaluate_scattering(leave, option_probabilities(leave), outgoing).specular
+    into = evaluate_scattering(enter, lobe_probabilities(enter), incoming).specular
+    back = evaluate_scattering(leave, lobe_probabilities(leave), outgoing).specular
     into, back = into / np.abs(incoming[:, 2:3]), back / np.abs(outgoing[:, 2:3])
     assert (into > 0).mean() > 0.2
     np.testing.assert_allclose(into, back * 1.5**2, rtol=1e-9)
@@ -226,8 +226,8 @@ def test_sample_continuation_agrees_with_quadrature(name, front, cosine):
     rng = np.random.default_rng(5)
     count = 50_000
     shading = shade(CLOSURES[name], view(cosine, count), front)
-    probabilities = option_probabilities(shading)
-    way = sample_continuation(shading, probabilities, rng.random(count), rng.random((count, 2)))
+    probabilities = lobe_probabilities(shading)
+    way = sample_bsdf(shading, probabilities, rng.random(count), rng.random((count, 2)))
     straight = way.passes
     directions, weights = sphere_quadrature()
     total, density = integrate_lobes(CLOSURES[name], cosine, front, directions, weights)
@@ -247,8 +247,8 @@ def test_sample_continuation_agrees_with_quadrature(name, front, cosine):
 def test_sample_continuation_reports_the_density_and_value_it_evaluates(name):
     rng = np.random.default_rng(6)
     shading = shade(CLOSURES[name], view(0.6, 500))
-    probabilities = option_probabilities(shading)
-    way = sample_continuation(shading, probabilities, rng.random(500), rng.random((500, 2)))
+    probabilities = lobe_probabilities(shading)
+    way = sample_bsdf(shading, probabilities, rng.random(500), rng.random((500, 2)))
     again = evaluate_scattering(shading, probabilities, way.direction)
     rough = way.alive & ~way.passes
     np.testing.assert_array_equal(way.density[rough], again.density[rough])
@@ -261,7 +261,7 @@ def test_sample_continuation_reports_the_density_and_value_it_evaluates(name):
 def test_white_lobes_send_on_all_light_in_a_furnace(name, front, cosine):
     directions, weights = sphere_quadrature()
     shading = shade(CLOSURES[name], view(cosine, len(directions)), front)
-    scattering = evaluate_scattering(shading, option_probabilities(shading), directions)
+    scattering = evaluate_scattering(shading, lobe_probabilities(shading), directions)
     total = (scattering.specular * weights[:, None]).sum(axis=0)
     np.testing.assert_allclose(total, 1.0, atol=READING_ERROR)
 
@@ -274,7 +274,7 @@ def test_white_plastic_sends_on_all_light_and_no_more(roughness, specular, cosin
     rng = np.random.default_rng(7)
     count = 100_000
     shading = shade(closure, view(cosine, count))
-    way = sample_continuation(shading, option_probabilities(shading), rng.random(count), rng.random((count, 2)))
+    way = sample_bsdf(shading, lobe_probabilities(shading), rng.random(count), rng.random((count, 2)))
     specular_part = way.weight[:, 0]
     total = specular_part.mean() + shading.diffuse[0, 0]
     noise = 4.5 * specular_part.std() / np.sqrt(count)
@@ -285,12 +285,12 @@ def test_white_plastic_sends_on_all_light_and_no_more(roughness, specular, cosin
 @pytest.mark.parametrize("kind", ["glossy", "glass", "refraction"])
 def test_roughness_zero_is_a_perfect_lobe(kind):
     shading = shade(Closure(kind, color=(0.9, 0.8, 0.7), roughness=0.0, ior=1.5), view(0.6, 64))
-    probabilities = option_probabilities(shading)
+    probabilities = lobe_probabilities(shading)
     nothing = evaluate_scattering(shading, probabilities, reflect(shading.outgoing, shading.normal))
     assert not nothing.specular.any()
     assert not nothing.density.any()
     choice = (np.arange(64) + 0.5) / 64
-    way = sample_continuation(shading, probabilities, choice, np.zeros((64, 2)))
+    way = sample_bsdf(shading, probabilities, choice, np.zeros((64, 2)))
     mirror, through = (
         reflect(shading.outgoing, shading.normal),
         refract(shading.outgoing, shading.normal, np.full(64, 1.5)),
@@ -306,7 +306,7 @@ def test_roughness_zero_is_a_perfect_lobe(kind):
 
 def test_glass_reflects_totally_from_inside():
     shading = shade(Closure("glass", color=1.0, roughness=0.0, ior=1.5), view(0.3, 50), front=False)
-    way = sample_continuation(shading, option_probabilities(shading), np.linspace(0, 0.999, 50), np.zeros((50, 2)))
+    way = sample_bsdf(shading, lobe_probabilities(shading), np.linspace(0, 0.999, 50), np.zeros((50, 2)))
     np.testing.assert_allclose(way.direction, reflect(shading.outgoing, shading.normal), atol=1e-15)
     np.testing.assert_array_equal(way.weight, 1.0)
 
@@ -314,13 +314,13 @@ def test_glass_reflects_totally_from_inside():
 def test_rough_refraction_is_picked_in_total_reflection_of_the_smooth_normal():
     """Facets turned to the viewer still let light out: the lobe must not be starved."""
     shading = shade((CLOSURES["refraction"], Closure("transparent", color=0.5)), view(0.6), front=False)
-    assert option_probabilities(shading)[0, 1] > SMALLEST_PICK
+    assert lobe_probabilities(shading)[0, 1] > SMALLEST_PICK
 
 
 def test_glass_of_index_one_lets_everything_pass_straight():
     shading = shade(Closure("glass", color=1.0, roughness=0.5, ior=1.0), view(0.5, 100))
     rng = np.random.default_rng(8)
-    way = sample_continuation(shading, option_probabilities(shading), rng.random(100), rng.random((100, 2)))
+    way = sample_bsdf(shading, lobe_probabilities(shading), rng.random(100), rng.random((100, 2)))
     np.testing.assert_allclose(way.direction, -shading.outgoing, atol=1e-12)
     assert np.isinf(way.density).all()
     np.testing.assert_allclose(way.weight, 1.0, atol=READING_ERROR)
@@ -363,9 +363,9 @@ def test_closures_of_a_material_add_up():
 
 def test_material_without_closures_is_black_and_ends_paths():
     shading = shade((), view(0.5, 3))
-    probabilities = option_probabilities(shading)
+    probabilities = lobe_probabilities(shading)
     assert not probabilities.any()
-    assert not sample_continuation(shading, probabilities, np.full(3, 0.9), np.zeros((3, 2))).alive.any()
+    assert not sample_bsdf(shading, probabilities, np.full(3, 0.9), np.zeros((3, 2))).alive.any()
 
 
 def test_power_heuristic_shares_sum_to_one():

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import raytracer.bsdfs.principled
 import raytracer.bsdfs.sheen_table as sheen_table
-from raytracer.bsdfs.bsdf import evaluate_tilted, option_probabilities, sample_continuation
+from raytracer.bsdfs import principled
+from raytracer.bsdfs.bsdf import evaluate_tilted, lobe_probabilities, sample_bsdf
 from raytracer.bsdfs.closures import Closures
 from raytracer.bsdfs.diffuse import Toon, Velvet, make_rough_matte, make_sheen
 from raytracer.bsdfs.distributions import (
@@ -127,8 +127,8 @@ def test_sampling_agrees_with_quadrature(name, front):
     rng = np.random.default_rng(5)
     count = 50_000
     shading = shade(LOBES[name], view(0.6, count), front)
-    probabilities = option_probabilities(shading)
-    way = sample_continuation(shading, probabilities, rng.random(count), rng.random((count, 2)))
+    probabilities = lobe_probabilities(shading)
+    way = sample_bsdf(shading, probabilities, rng.random(count), rng.random((count, 2)))
     total, density = integrate_lobes(LOBES[name], 0.6, front, *sphere_quadrature())
     coarse, coarse_density = integrate_lobes(LOBES[name], 0.6, front, *sphere_quadrature(200, 100))
     error = 4.5 * np.sqrt(way.weight.var(axis=0) / count)  # for about 30 comparisons
@@ -201,7 +201,7 @@ def test_rotate_turns_around_the_axis():
 
 def test_layers_that_no_material_has_are_not_made(monkeypatch):
     for name in ("_add_sheen", "_make_coat", "make_rough_matte", "make_sheen"):
-        monkeypatch.setattr(raytracer.principled, name, None)
+        monkeypatch.setattr(principled, name, None)
     assert len(shade(Closure("principled", roughness=0.4), view(0.5)).lobes) == 1
     with pytest.raises(TypeError):
         shade(Closure("principled", coat_weight=0.5), view(0.5))

@@ -11,7 +11,7 @@ from raytracer.integrator.bounces import classify_rays
 from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import Settings
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.materials import Closure, Material
 
@@ -36,7 +36,7 @@ def hide(meshes, *hidden, **scene):
 
 def look_down(scene, height=1.0, count=1, passes=("Combined",), precision="certified", **settings):
     rays = make_rays([[0.1, 0.2, height]] * count, [[0, 0, -1.0]])
-    samples = PixelSamples(np.arange(count, dtype=np.uint32), 0, 0)
+    samples = SobolSamples(np.arange(count, dtype=np.uint32), 0, 0)
     integrator = prepare(scene, raytracer.build(scene, precision), Settings(passes=passes, **settings))
     return trace(integrator, rays, samples)
 

@@ -7,10 +7,10 @@ import raytracer
 from raytracer.casting.rays import make_rays
 from raytracer.integrator import clamping, loop
 from raytracer.integrator.integrator import prepare
-from raytracer.integrator.light_sources import GEOMETRY, LAMP, find_chances
+from raytracer.integrator.light_sources import GEOMETRY, LIGHT, find_chances
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import Settings
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.materials import Closure, Material
 
 COUNT = 64
@@ -27,7 +27,7 @@ def look_at_wall(materials, lights=(), **settings):
     scene = raytracer.Scene(spheres=spheres, materials=materials, lights=lights)
     rays = make_rays(np.full((COUNT, 3), 0.1), np.random.default_rng(3).normal(size=(COUNT, 3)))
     chosen = Settings(integrator="path", **{"max_bounces": 1, **settings})
-    samples = PixelSamples(np.arange(COUNT, dtype=np.uint32), 0, 0)
+    samples = SobolSamples(np.arange(COUNT, dtype=np.uint32), 0, 0)
     return trace(prepare(scene, raytracer.build(scene), chosen), rays, samples)["Combined"][:, :3]
 
 
@@ -63,7 +63,7 @@ def test_each_of_several_lamps_has_its_share_of_the_limit():
 )
 def test_shining_geometry_is_chosen_as_often_as_all_lamps(lamps, geometry, chances):
     found = find_chances(lamps, geometry)
-    assert (found[LAMP], found[GEOMETRY]) == chances
+    assert (found[LIGHT], found[GEOMETRY]) == chances
 
 
 @pytest.mark.parametrize(

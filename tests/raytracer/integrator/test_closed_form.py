@@ -14,7 +14,7 @@ from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import Settings
 from raytracer.rendering.render import render
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.materials import Closure, Material
 
 SIGMAS = 4.5
@@ -33,7 +33,7 @@ def plane(size=50.0, material=0, height=0.0):
 def see(scene, origins, directions, count=1, **settings):
     rays = make_rays(np.atleast_2d(origins), np.atleast_2d(directions))
     rays = make_rays(np.repeat(rays.origins, count, axis=0), np.repeat(rays.directions, count, axis=0))
-    samples = PixelSamples(np.arange(len(rays), dtype=np.uint32), 0, 1)
+    samples = SobolSamples(np.arange(len(rays), dtype=np.uint32), 0, 1)
     return trace(prepare(scene, raytracer.build(scene), Settings(**settings)), rays, samples)["Combined"][:, :3]
 
 

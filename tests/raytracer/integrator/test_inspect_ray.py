@@ -16,7 +16,7 @@ from raytracer.scene.programs import Program, Register, Step
 from tests.meshes import make_quad
 
 UNIT = 2.0**-53
-DIFFUSE, MIRROR, GLASS, LAMP, CLEAR = range(5)
+DIFFUSE, MIRROR, GLASS, LIGHT, CLEAR = range(5)
 MATERIALS = (
     Material((Closure("diffuse", color=(0.8, 0.4, 0.2)),), name="paint"),
     Material((Closure("glossy", color=(0.9, 0.8, 0.7), roughness=0.0),), name="mirror"),
@@ -167,7 +167,7 @@ def test_lobes_that_reflect_the_same_way_are_one_ray():
 
 
 def test_emissive_object_and_world_are_sources_by_name():
-    scene = make_scene(make_floor(), make_floor(LAMP, height=5.0, size=2.0), world=World([0.1, 0.2, 0.3]))
+    scene = make_scene(make_floor(), make_floor(LIGHT, height=5.0, size=2.0), world=World([0.1, 0.2, 0.3]))
     (ray,) = look_at(scene).inspect_ray([3.0, 0.0, 1.0], [0.0, 0.0, -1.0])
     by_source = {shadow.source: shadow for shadow in ray.shadows}
     assert by_source.keys() == {EMITTERS, WORLD}

@@ -7,11 +7,11 @@ import raytracer
 from raytracer.bsdfs import bsdf
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED, count_bounces, describe_kinds
 from raytracer.casting.rays import make_rays
-from raytracer.integrator import bounces, contributions, loop
+from raytracer.integrator import bounces, contributions, direct_light, loop
 from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import Settings
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.materials import Closure, Material
 from tests.forbidding import forbid
 
@@ -31,7 +31,7 @@ BOX = raytracer.Mesh(
 def look_around(scene, origin=(0.1, 0.2, 0.3), count=COUNT, **settings):
     """Trace rays from one point into all directions; returns their radiance (n, 3)."""
     directions = np.random.default_rng(3).normal(size=(count, 3))
-    samples = PixelSamples(np.arange(count, dtype=np.uint32), 0, 0)
+    samples = SobolSamples(np.arange(count, dtype=np.uint32), 0, 0)
     settings = {"integrator": "path", **settings}
     integrator = prepare(scene, raytracer.build(scene), Settings(**settings))
     return trace(integrator, make_rays(np.broadcast_to(origin, (count, 3)), directions), samples)["Combined"][:, :3]
@@ -64,7 +64,7 @@ def test_a_curtain_shows_the_world_behind_it(most):
     scene = raytracer.Scene(meshes=[sheet], materials=[curtain], world=raytracer.World(1.0))
     rays = make_rays(np.tile((0.0, 0.0, 1.0), (64, 1)), np.tile((0.1, 0.0, -1.0), (64, 1)))
     integrator = prepare(scene, raytracer.build(scene), Settings(integrator="path", max_bounces=most))
-    seen = trace(integrator, rays, PixelSamples(np.arange(64, dtype=np.uint32), 0, 0))["Combined"][:, :3]
+    seen = trace(integrator, rays, SobolSamples(np.arange(64, dtype=np.uint32), 0, 0))["Combined"][:, :3]
     np.testing.assert_allclose(seen, np.tile(GREYS, (64, 1)), rtol=1e-12)
 
 
@@ -87,7 +87,7 @@ def test_furnace_of_diffuse_and_glossy_parts_loses_what_one_look_loses():
     scene = raytracer.Scene(meshes=[BOX], materials=[walls])
     world = raytracer.Scene(meshes=[BOX], materials=[Material(closures)], world=raytracer.World(1.0))
     outside = make_rays([[0.1, 0.2, 3.0]] * COUNT, [[0.05, 0.02, -1.0]])
-    samples = PixelSamples(np.arange(COUNT, dtype=np.uint32), 0, 0)
+    samples = SobolSamples(np.arange(COUNT, dtype=np.uint32), 0, 0)
     looks = {
         name: trace(prepare(world, raytracer.build(world), Settings(integrator=name)), outside, samples)["Combined"]
         for name in ("direct", "path")
@@ -126,19 +126,19 @@ def tilted_shading(monkeypatch):
 def test_sampled_directions_have_the_density_that_is_reported(tilted_shading):
     """The mean of g / p over samples is the integral of g over the hemisphere for any g, here 1 and a cosine."""
     shading = tilted_shading
-    probabilities = bsdf.option_probabilities(shading, with_diffuse=True)
+    probabilities = bsdf.lobe_probabilities(shading, with_diffuse=True)
     assert probabilities.shape[1] == 2 + len(shading.lobes) + len(shading.tilted)
     np.testing.assert_allclose(probabilities.sum(axis=1), 1.0)
     rng = np.random.default_rng(5)
-    way = bsdf.sample_continuation(shading, probabilities, rng.random(len(shading)), rng.random((len(shading), 2)))
-    value, density = bsdf.evaluate_options(shading, probabilities, way.direction)
+    way = bsdf.sample_bsdf(shading, probabilities, rng.random(len(shading)), rng.random((len(shading), 2)))
+    value, density = bsdf.evaluate_bsdf(shading, probabilities, way.direction)
     rows = way.alive
     np.testing.assert_array_equal(density[rows], way.density[rows])
     np.testing.assert_allclose(way.weight[rows], value[rows] / density[rows, np.newaxis])
     assert set(np.unique(way.kind[rows])) == {DIFFUSE, GLOSSY}
     uniform = rng.normal(size=(len(shading), 3))
     uniform /= np.linalg.norm(uniform, axis=1, keepdims=True)
-    integral, _ = bsdf.evaluate_options(shading, probabilities, uniform)
+    integral, _ = bsdf.evaluate_bsdf(shading, probabilities, uniform)
     above = ((shading.geometric_normal * uniform).sum(axis=1) > 0)[:, np.newaxis]
     by_quadrature = 4 * np.pi * integral * above
     error = np.hypot(by_quadrature.std(axis=0), way.weight.std(axis=0)) / np.sqrt(len(shading))
@@ -163,7 +163,7 @@ def test_either_way_of_sampling_gives_the_mean_of_their_mixture(light, monkeypat
     means, errors = [], []
     for light_share in (None, 1.0, 0.0):
         if light_share is not None:
-            monkeypatch.setattr(bsdf, "power_heuristic", lambda p, q, s=light_share: np.full(np.shape(p), s))
+            monkeypatch.setattr(direct_light, "power_heuristic", lambda p, q, s=light_share: np.full(np.shape(p), s))
             monkeypatch.setattr(
                 contributions, "power_heuristic", lambda p, q, s=light_share: np.where(np.isinf(p), 1.0, 1.0 - s)
             )
@@ -228,7 +228,7 @@ def test_transparent_passages_have_a_limit_and_the_last_one_sees_what_shines(mos
     scene = raytracer.Scene(meshes=panes, materials=[pane])
     rays = make_rays([[0.1, 0.2, 1.0]], [[0, 0, -1.0]])
     settings = Settings(transparent_bounces=most)
-    seen = trace(prepare(scene, raytracer.build(scene), settings), rays, PixelSamples(np.zeros(1, np.uint32), 0, 0))
+    seen = trace(prepare(scene, raytracer.build(scene), settings), rays, SobolSamples(np.zeros(1, np.uint32), 0, 0))
     np.testing.assert_allclose(seen["Combined"][0, 0], 2 * (1 - 0.5 ** (most + 1)), rtol=1e-14)
 
 
@@ -245,7 +245,7 @@ def test_shadow_rays_pass_as_many_surfaces_as_they_may(limits, most):
         lamp = raytracer.PointLight((0, 0, 8), 30)
         scene = raytracer.Scene(meshes=meshes, materials=[white, clear], lights=[lamp])
         integrator = prepare(scene, raytracer.build(scene), Settings(transparent_bounces=3, **limits))
-        seen = trace(integrator, rays, PixelSamples(np.zeros(1, np.uint32), 0, 0))
+        seen = trace(integrator, rays, SobolSamples(np.zeros(1, np.uint32), 0, 0))
         lit.append(seen["Combined"][0, 0] > 0)
     assert lit == [panes <= most for panes in range(5)]
 
@@ -273,7 +273,7 @@ def test_paths_stop_where_no_ray_could_meet_a_light():
 
     rays, samples = (
         make_rays([[0, 0, 0.0]] * 50, [[0.3, 0.2, -1.0]]),
-        PixelSamples(np.arange(50, dtype=np.uint32), 0, 0),
+        SobolSamples(np.arange(50, dtype=np.uint32), 0, 0),
     )
     trace(prepare(scene, Watched(), Settings(integrator="path", max_bounces=1)), rays, samples)
     assert calls == [50, 50]

@@ -4,19 +4,18 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.bsdfs import bsdf
 from raytracer.casting.rays import make_rays
-from raytracer.integrator import contributions
+from raytracer.integrator import contributions, direct_light
 from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import Settings
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.materials import Closure, Material
 from tests.forbidding import forbid
 
 FLOOR = raytracer.Mesh([[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], [[0, 1, 2], [0, 2, 3]], name="floor")
 GREY = Material((Closure("diffuse", color=0.5),))
-LAMP = raytracer.PointLight((0, 0, 4), 100)
+LIGHT = raytracer.PointLight((0, 0, 4), 100)
 DATA = ("Depth", "Position", "Normal", "UV", "Object Index", "Material Index")
 
 
@@ -30,7 +29,7 @@ def see(scene, origins=(0.5, 0.2, 3.0), directions=(0.0, 0.0, -1.0), count=None,
     rays = make_rays(np.atleast_2d(origins), np.atleast_2d(directions))
     if count is not None:
         rays = make_rays(np.repeat(rays.origins, count, axis=0), np.repeat(rays.directions, count, axis=0))
-    samples = PixelSamples(np.arange(len(rays), dtype=np.uint32), sample, 0)
+    samples = SobolSamples(np.arange(len(rays), dtype=np.uint32), sample, 0)
     return trace(prepare(scene, raytracer.build(scene), Settings(**settings)), rays, samples)
 
 
@@ -43,45 +42,45 @@ def mean_color(values):
 STAGES = {
     "make_emitters": Material((Closure("emission", color=1.0),)),
     "transparent_visibility": Material((Closure("transparent"),)),
-    "sample_continuation": Material((Closure("glossy"),)),
+    "sample_bsdf": Material((Closure("glossy"),)),
 }
 
 
 def test_prepare_composes_no_stage_that_the_scene_lacks(monkeypatch):
     forbid(
         monkeypatch,
-        *("make_emitters", "emitter_source", "world_sources", "transparent_visibility", "sample_continuation"),
+        *("make_emitters", "emitter_source", "world_sources", "transparent_visibility", "sample_bsdf"),
         *("emitter_density", "environment_density", "make_environment", "evaluate_light"),
     )
-    values = see(raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LAMP]))
+    values = see(raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LIGHT]))
     assert values["Combined"][0, 0] > 0
 
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_prepare_composes_each_stage_for_the_material_that_needs_it(monkeypatch, stage):
     forbid(monkeypatch, stage)
-    scene = raytracer.Scene(meshes=[FLOOR], materials=[STAGES[stage]], lights=[LAMP])
+    scene = raytracer.Scene(meshes=[FLOOR], materials=[STAGES[stage]], lights=[LIGHT])
     with pytest.raises(AssertionError, match="does not need"):
         see(scene)
 
 
 def test_prepare_for_data_passes_casts_no_light(monkeypatch):
-    forbid(monkeypatch, "make_emitters", "add_direct_light", "world_sources", "lamp_source", "sample_continuation")
+    forbid(monkeypatch, "make_emitters", "add_direct_light", "world_sources", "light_source", "sample_bsdf")
     scene = raytracer.Scene(
-        meshes=[FLOOR], materials=[STAGES["make_emitters"]], lights=[LAMP], world=raytracer.World(1.0)
+        meshes=[FLOOR], materials=[STAGES["make_emitters"]], lights=[LIGHT], world=raytracer.World(1.0)
     )
     assert see(scene, passes=DATA)["Depth"][0, 0] == 3
 
 
 def test_prepare_leaves_out_lamps_without_power():
-    scene = raytracer.Scene(meshes=[FLOOR], lights=[raytracer.PointLight((0, 0, 1), 0), LAMP])
+    scene = raytracer.Scene(meshes=[FLOOR], lights=[raytracer.PointLight((0, 0, 1), 0), LIGHT])
     assert len(prepare(scene, raytracer.build(scene), Settings()).sources) == 1
 
 
 def test_an_absent_feature_leaves_the_other_values_untouched_bit_for_bit():
     """A material that no surface uses adds stages, but no light."""
-    plain = raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LAMP])
-    more = raytracer.Scene(meshes=[FLOOR], materials=[GREY, *STAGES.values()], lights=[LAMP])
+    plain = raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LIGHT])
+    more = raytracer.Scene(meshes=[FLOOR], materials=[GREY, *STAGES.values()], lights=[LIGHT])
     rng = np.random.default_rng(1)
     origins = np.c_[rng.uniform(-5, 5, (50, 2)), np.full(50, 3.0)]
     np.testing.assert_array_equal(see(plain, origins)["Combined"], see(more, origins)["Combined"])
@@ -99,7 +98,7 @@ def test_trace_gives_a_ray_the_same_value_in_any_batch():
     )
     rng = np.random.default_rng(2)
     rays = make_rays(np.c_[rng.uniform(-2, 2, (64, 2)), np.full(64, 3.0)], [0.1, 0, -1.0])
-    samples = PixelSamples(np.arange(64, dtype=np.uint32), 3, 5)
+    samples = SobolSamples(np.arange(64, dtype=np.uint32), 3, 5)
     integrator = prepare(scene, raytracer.build(scene), Settings())
     together = trace(integrator, rays, samples)["Combined"]
     rows = rng.permutation(64)[:20]
@@ -184,7 +183,7 @@ def test_rough_reflection_of_a_lamp_is_the_same_by_either_way_of_sampling(monkey
     original = contributions.power_heuristic
     for light_share in (None, 1.0, 0.0):
         if light_share is not None:
-            monkeypatch.setattr(bsdf, "power_heuristic", lambda p, q, s=light_share: np.full(np.shape(p), s))
+            monkeypatch.setattr(direct_light, "power_heuristic", lambda p, q, s=light_share: np.full(np.shape(p), s))
             monkeypatch.setattr(
                 contributions, "power_heuristic", lambda p, q, s=light_share: np.where(np.isinf(p), 1.0, 1.0 - s)
             )
@@ -209,9 +208,9 @@ def test_shadow_rays_stop_at_surfaces_and_lamps_may_throw_none():
 
 def test_transparent_surfaces_attenuate_shadow_rays():
     glass = Material((Closure("transparent", color=(0.5, 0.25, 1.0)),))
-    open_scene = raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LAMP])
+    open_scene = raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LIGHT])
     panes = [square(1.0 + 0.1 * k, 1) for k in range(3)]
-    scene = raytracer.Scene(meshes=[FLOOR, *panes], materials=[GREY, glass], lights=[LAMP])
+    scene = raytracer.Scene(meshes=[FLOOR, *panes], materials=[GREY, glass], lights=[LIGHT])
     plain, tinted = (see(item, [0.5, 0, 0.9])["Combined"][0, :3] for item in (open_scene, scene))
     np.testing.assert_allclose(tinted, plain * np.array([0.5, 0.25, 1.0]) ** 3, rtol=1e-13)
 
@@ -219,9 +218,9 @@ def test_transparent_surfaces_attenuate_shadow_rays():
 def test_passages_do_not_use_up_bounces():
     pane = Material((Closure("transparent", color=1.0),))
     scene = raytracer.Scene(
-        meshes=[FLOOR, *(square(1.0 + 0.01 * k, 1) for k in range(20))], materials=[GREY, pane], lights=[LAMP]
+        meshes=[FLOOR, *(square(1.0 + 0.01 * k, 1) for k in range(20))], materials=[GREY, pane], lights=[LIGHT]
     )
-    plain = raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LAMP])
+    plain = raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LIGHT])
     np.testing.assert_allclose(see(scene, max_bounces=0)["Combined"], see(plain, max_bounces=0)["Combined"], rtol=1e-12)
 
 
@@ -240,7 +239,7 @@ def test_a_mirror_shows_the_world_on_a_transparent_film():
 def test_holdout_objects_are_black_holes_for_the_camera_only():
     meshes = [square(0.0, 0, 1.0)]
     cut = raytracer.Instances([0], [np.eye(4)], holdout=[True])
-    scene = raytracer.Scene(meshes=meshes, instances=cut, materials=[GREY], lights=[LAMP])
+    scene = raytracer.Scene(meshes=meshes, instances=cut, materials=[GREY], lights=[LIGHT])
     np.testing.assert_array_equal(see(scene, transparent=True)["Combined"][0], [0, 0, 0, 0])
     np.testing.assert_array_equal(see(scene)["Combined"][0], [0, 0, 0, 1])
     above = raytracer.Scene(

@@ -8,8 +8,8 @@ from raytracer.lights.environment import (
     LARGEST_WIDTH,
     Environment,
     environment_density,
-    find_environment,
-    list_ways,
+    evaluate_environment,
+    list_world_samplers,
     make_environment,
 )
 from raytracer.sampling.direction_map import (
@@ -66,10 +66,10 @@ def estimate_irradiance(environment, normal, count, seed=1):
     generator = np.random.default_rng(seed)
     normal = np.broadcast_to(normal, (count, 3))
     irradiance = np.zeros(count)
-    for way in list_ways(environment):
+    for way in list_world_samplers(environment):
         directions = way(normal, generator.random((count, 2)))
         density = environment_density(environment, normal, directions)
-        radiance = np.broadcast_to(find_environment(environment, directions), (count, 3))[:, 0]
+        radiance = np.broadcast_to(evaluate_environment(environment, directions), (count, 3))[:, 0]
         irradiance += radiance * np.maximum((directions * normal).sum(axis=1), 0.0) / density
     return irradiance
 
@@ -174,14 +174,14 @@ def test_rays_of_the_camera_may_see_another_world():
     environment = make_environment(World(Register(1, "Value"), Program(steps)), None, FRAME)
     directions = np.array([[1.0, 0, 0], [0, 1.0, 0]])
     path = LightPath({"camera": np.array([1.0, 0.0])})
-    np.testing.assert_array_equal(find_environment(environment, directions, path), [[1, 1, 1], [0, 0, 0]])
-    np.testing.assert_array_equal(find_environment(environment, directions), np.zeros((2, 3)))
+    np.testing.assert_array_equal(evaluate_environment(environment, directions, path), [[1, 1, 1], [0, 0, 0]])
+    np.testing.assert_array_equal(evaluate_environment(environment, directions), np.zeros((2, 3)))
 
 
 def test_negative_and_undefined_radiance_is_black():
     steps = (DIRECTION,)
     environment = make_environment(World(Register(0, "Position"), Program(steps)), None, FRAME)
-    np.testing.assert_array_equal(find_environment(environment, -UP[np.newaxis]), [[0, 0, 0]])
+    np.testing.assert_array_equal(evaluate_environment(environment, -UP[np.newaxis]), [[0, 0, 0]])
 
 
 def test_plane_under_a_gradient():

@@ -19,7 +19,7 @@ MATERIALS = [
     Material((Closure("emission", color=2.0),)),
     Material((Closure("transparent", color=0.5),)),
 ]
-LAMP = raytracer.PointLight((0.0, 0.5, 2.0), 50.0, radius=0.4, soft_falloff=False)
+LIGHT = raytracer.PointLight((0.0, 0.5, 2.0), 50.0, radius=0.4, soft_falloff=False)
 
 
 def quad(x_min, x_max, height=0.0, material=DIFFUSE):
@@ -57,8 +57,8 @@ def assert_right_half_is_lit(linked, plain):
 def test_a_lamp_lights_the_sets_it_is_linked_to_and_no_others(material, integrator):
     """What is lit looks as without links, also where reflected rays meet the lamp."""
     halves = [quad(-2, 0, material=material), quad(0, 2, material=material)]
-    plain = see(make_scene(halves, [LAMP]), integrator=integrator)
-    linked = see(make_scene(halves, [replace(LAMP, receivers=1 << 5)], light_set=[3, 5]), integrator=integrator)
+    plain = see(make_scene(halves, [LIGHT]), integrator=integrator)
+    linked = see(make_scene(halves, [replace(LIGHT, receivers=1 << 5)], light_set=[3, 5]), integrator=integrator)
     assert_right_half_is_lit(linked, plain)
 
 
@@ -80,14 +80,14 @@ def test_a_sphere_that_shines_lights_the_sets_it_is_linked_to_and_no_others(mate
 def test_what_reflects_is_what_is_lit_behind_panes_as_well():
     """Between a glossy ground and its lamp hangs a pane, of a set that the lamp does not light."""
     meshes = [quad(-2, 2, 0, GLOSSY), quad(-9, 9, 1, PANE)]
-    plain = see(make_scene(meshes, [LAMP]))
-    linked = see(make_scene(meshes, [replace(LAMP, receivers=1 << 1)], light_set=[1, 2]))
+    plain = see(make_scene(meshes, [LIGHT]))
+    linked = see(make_scene(meshes, [replace(LIGHT, receivers=1 << 1)], light_set=[1, 2]))
     assert plain.any()
     np.testing.assert_array_equal(linked, plain)
 
 
 def test_meshes_without_instances_are_of_the_first_set_and_light_all():
-    scene = make_scene([quad(-2, 2), quad(-2, 2, 9, GLOWING)], [replace(LAMP, receivers=1 << 1)])
+    scene = make_scene([quad(-2, 2), quad(-2, 2, 9, GLOWING)], [replace(LIGHT, receivers=1 << 1)])
     assert see(scene).any()
     np.testing.assert_array_equal(see(replace(scene, instances=None)), see(scene))
 
@@ -105,11 +105,11 @@ def test_the_camera_sees_every_emitter():
 @pytest.mark.parametrize(("mask", "is_lit"), [(1 << 7, True), (ALL_SETS - (1 << 7), False)])
 def test_spheres_belong_to_a_set(mask, is_lit):
     ball = raytracer.Spheres([(0, 0, 0)], [1.5], light_set=7)
-    assert see(make_scene([], [replace(LAMP, receivers=mask)], spheres=ball)).any() == is_lit
+    assert see(make_scene([], [replace(LIGHT, receivers=mask)], spheres=ball)).any() == is_lit
 
 
 def test_without_links_nothing_is_prepared():
-    scene = make_scene([quad(-2, 2)], [LAMP], light_set=[4])
+    scene = make_scene([quad(-2, 2)], [LIGHT], light_set=[4])
     integrator = prepare(scene, raytracer.build(scene), Settings())
     assert integrator.links is None
     assert integrator.sources[0].find_lit is None
@@ -117,7 +117,7 @@ def test_without_links_nothing_is_prepared():
 
 def test_masks_and_sets_out_of_range_are_refused():
     with pytest.raises(ValueError, match="PointLight '': receivers: expected"):
-        replace(LAMP, receivers=-1)
+        replace(LIGHT, receivers=-1)
     with pytest.raises(ValueError, match="Instances: receivers: expected"):
         raytracer.Instances([0], [np.eye(4)], receivers=[-1])
     with pytest.raises(ValueError, match="light_set: expected"):

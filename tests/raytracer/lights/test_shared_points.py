@@ -19,7 +19,7 @@ from raytracer.lights.shared_points import (
     share_points,
 )
 from raytracer.sampling.sampler import share_samples
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.materials import Closure, Material
 
 FLOOR = raytracer.Mesh([[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], [[0, 1, 2], [0, 2, 3]])
@@ -42,7 +42,7 @@ COUNT = 1 << 16
 def share(sets, sample=0, seed=0):
     """Return the samples that `sets` sets of pixels share, one pixel each."""
     group = np.zeros(sets, np.uint8)
-    samples = PixelSamples(np.zeros(sets, np.uint32), np.arange(sets, dtype=np.uint32) + sample, seed, group)
+    samples = SobolSamples(np.zeros(sets, np.uint32), np.arange(sets, dtype=np.uint32) + sample, seed, group)
     return share_samples(samples)
 
 
@@ -96,7 +96,7 @@ def see(scene, group):
     """Trace one pixel; returns the means (16, 3) of runs of 64 samples."""
     count = 16 * 64
     rays = make_rays(np.tile([0.9, -0.4, 3.0], (count, 1)), np.tile([0, 0.1, -1.0], (count, 1)))
-    samples = PixelSamples(np.zeros(count, np.uint32), np.arange(count, dtype=np.uint32), 0, group)
+    samples = SobolSamples(np.zeros(count, np.uint32), np.arange(count, dtype=np.uint32), 0, group)
     colors = trace(prepare(scene, raytracer.build(scene), Settings()), rays, samples)["Combined"][:, :3]
     return colors.reshape(16, 64, 3).mean(axis=1)
 
@@ -158,7 +158,7 @@ def spy_on(lights, group, world=None, count=64):
     caster = Spy(raytracer.build(scene))
     rng = np.random.default_rng(3)
     rays = make_rays(np.c_[rng.uniform(-2, 2, (count, 2)), np.full(count, 3.0)], [0.1, 0, -1.0])
-    samples = PixelSamples(np.arange(count, dtype=np.uint32), 5, 1, group)
+    samples = SobolSamples(np.arange(count, dtype=np.uint32), 5, 1, group)
     trace(prepare(scene, caster, Settings()), rays, samples)
     return caster.calls
 
@@ -182,7 +182,7 @@ def test_without_sets_the_rays_of_lamps_with_extent_are_cast_together():
 
 def test_neighbours_take_different_points_and_sets_the_same():
     group = np.array([0, 1, 2, 3, 0, 1], np.uint8)
-    shared = share_samples(PixelSamples(np.arange(6, dtype=np.uint32), 9, 0, group))
+    shared = share_samples(SobolSamples(np.arange(6, dtype=np.uint32), 9, 0, group))
     pairs = shared.uniform_pair(2)
     assert len(np.unique(pairs[:, 0])) == 4
     np.testing.assert_array_equal(shared.key, group)
@@ -191,7 +191,7 @@ def test_neighbours_take_different_points_and_sets_the_same():
 def test_a_set_takes_the_same_point_in_any_batch():
     group = np.array([0, 1, 2, 3] * 3, np.uint8)
     sample = np.repeat(np.arange(7, 10, dtype=np.uint32), 4)
-    samples = PixelSamples(np.arange(12, dtype=np.uint32), sample, 4, group)
+    samples = SobolSamples(np.arange(12, dtype=np.uint32), sample, 4, group)
     whole = share_samples(samples)
     for rows in ([5], [11, 4], [2, 7, 9]):
         part = share_samples(samples.select(np.array(rows)))

@@ -13,7 +13,7 @@ from raytracer.processes.workers import Workers
 from raytracer.rendering import blocks
 from raytracer.rendering.blocks import SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_view
 from raytracer.rendering.render import render
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import AreaLight, World
 from raytracer.scene.materials import Closure, Material
@@ -31,7 +31,7 @@ class Recorder:
 
     settings: list[Settings] = field(default_factory=list)
     rays: list[Rays] = field(default_factory=list)
-    samples: list[PixelSamples] = field(default_factory=list)
+    samples: list[SobolSamples] = field(default_factory=list)
     casts_per_block: int = 1
 
     def prepare(self, scene, caster, settings, frame, take_part):

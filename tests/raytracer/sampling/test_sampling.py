@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from raytracer.sampling.sobol import PixelSamples, _first_coordinate, _second_coordinate
+from raytracer.sampling.sobol import SobolSamples, _first_coordinate, _second_coordinate
 from raytracer.sampling.warps import sample_cosine_hemisphere, sample_disk
 
 PIXEL_COUNT = 16
@@ -15,7 +15,7 @@ BINS = 64
 def draw_pairs(sample_count: int, pixel_count: int = PIXEL_COUNT, dimension: int = 0, seed: int = 0) -> np.ndarray:
     """(samples, pixels, 2)."""
     pixel = np.arange(pixel_count, dtype=np.uint32)
-    return np.stack([PixelSamples(pixel, sample, seed).uniform_pair(dimension) for sample in range(sample_count)])
+    return np.stack([SobolSamples(pixel, sample, seed).uniform_pair(dimension) for sample in range(sample_count)])
 
 
 def sobol_pair_by_matrix(index: int) -> tuple[int, int]:
@@ -36,7 +36,7 @@ def test_uniform_pair_without_scrambling_is_sobol(monkeypatch):
     monkeypatch.setattr("raytracer.sampling.sobol._scramble_reversed", lambda bits, key: bits)
     # Both coordinates are linear in the bits of the index, so its 32 bits decide; the other numbers test linearity.
     for sample in (0, *(1 << bit for bit in range(32)), 3, 5, 77, 0xDEADBEEF, 2**32 - 1):
-        pair = PixelSamples(np.zeros(1, np.uint32), sample, 0).uniform_pair(0)[0] * 2.0**32
+        pair = SobolSamples(np.zeros(1, np.uint32), sample, 0).uniform_pair(0)[0] * 2.0**32
         assert tuple(pair.astype(np.int64)) == sobol_pair_by_matrix(sample)
 
 
@@ -60,23 +60,23 @@ def test_both_coordinates_of_a_pair_are_scrambled_independently():
 
 
 def test_uniform_is_the_first_of_its_pair():
-    samples = PixelSamples(np.arange(100, dtype=np.uint32), 11, 3)
+    samples = SobolSamples(np.arange(100, dtype=np.uint32), 11, 3)
     for dimension in (0, 1, 1000):
         assert np.array_equal(samples.uniform(dimension), samples.uniform_pair(dimension)[:, 0])
 
 
 def test_uniform_lies_in_the_half_open_unit_interval():
-    values = PixelSamples(np.arange(2**16, dtype=np.uint32), 5, 0).uniform_pair(0)
+    values = SobolSamples(np.arange(2**16, dtype=np.uint32), 5, 0).uniform_pair(0)
     assert values.dtype == np.float64
     assert values.min() >= 0.0
     assert values.max() < 1.0
 
 
 def test_values_do_not_depend_on_blocks_or_selection():
-    whole = PixelSamples(np.arange(1000, dtype=np.uint32), 9, 42)
+    whole = SobolSamples(np.arange(1000, dtype=np.uint32), 9, 42)
     pairs = whole.uniform_pair(7)
     for block in (slice(0, 1), slice(1, 18), slice(333, 1000)):
-        part = PixelSamples(np.arange(1000, dtype=np.uint32)[block], 9, 42)
+        part = SobolSamples(np.arange(1000, dtype=np.uint32)[block], 9, 42)
         assert np.array_equal(part.uniform_pair(7), pairs[block])
     index = np.array([999, 3, 3, 500])
     assert np.array_equal(whole.select(index).uniform_pair(7), pairs[index])
@@ -87,7 +87,7 @@ def test_values_do_not_depend_on_blocks_or_selection():
 def test_values_leave_the_pixel_indices_alone():
     pixel = np.arange(10, dtype=np.uint32)
     pixel.flags.writeable = False
-    PixelSamples(pixel, 1, 1).uniform_pair(1)
+    SobolSamples(pixel, 1, 1).uniform_pair(1)
 
 
 @pytest.mark.parametrize("change", [{"seed": 1}, {"dimension": 1}, {"dimension": 2**20}, {"seed": 2**32 - 1}])

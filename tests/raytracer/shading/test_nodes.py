@@ -26,7 +26,7 @@ from raytracer.casting.rays import Rays
 from raytracer.integrator.features import derive_features
 from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.shading import evaluate as nodes_module
 from raytracer.shading.evaluate import OPERATIONS, evaluate, find_needed, fold_step, list_attributes, run_step
 from tests import meshes
@@ -134,7 +134,7 @@ def see(scene, points, passes=("Combined",), **settings):
     count = len(points)
     rays = Rays(origins, np.tile(-UP, (count, 1)), np.zeros(count), np.full(count, np.inf))
     integrator = prepare(scene, raytracer.build(scene), Settings(passes=passes, **settings), (100, 100))
-    return trace(integrator, rays, PixelSamples(np.arange(count, dtype=np.uint32), 0, 0))
+    return trace(integrator, rays, SobolSamples(np.arange(count, dtype=np.uint32), 0, 0))
 
 
 def shine(steps, color, **fields):
@@ -290,7 +290,7 @@ def test_computed_transparency_lets_shadow_rays_through():
     count = len(PLACES)
     origins = np.column_stack([PLACES, np.full(count, 0.5)])
     rays = Rays(origins, np.tile(-UP, (count, 1)), np.zeros(count), np.full(count, np.inf))
-    samples = PixelSamples(np.arange(count, dtype=np.uint32), 0, 0)
+    samples = SobolSamples(np.arange(count, dtype=np.uint32), 0, 0)
     shaded, open_ = (
         trace(prepare(scene, raytracer.build(scene), Settings()), rays, samples)["Combined"][:, 0] for scene in scenes
     )
@@ -354,7 +354,7 @@ def test_a_textured_lamp_gives_the_mean_of_what_its_parts_give():
     origins = np.tile((0.0, 0.001, 0.1), (count, 1))
     rays = Rays(origins, np.tile(-UP, (count, 1)), np.zeros(count), np.full(count, np.inf))
     integrator = prepare(scene, raytracer.build(scene), Settings())
-    found = trace(integrator, rays, PixelSamples(np.arange(count, dtype=np.uint32), 0, 0))["Combined"][:, 0]
+    found = trace(integrator, rays, SobolSamples(np.arange(count, dtype=np.uint32), 0, 0))["Combined"][:, 0]
     grid = (np.arange(400) + 0.5) / 400 - 0.5
     x, y = np.meshgrid(grid, grid)
     square = x**2 + (y - 0.001) ** 2 + 0.49

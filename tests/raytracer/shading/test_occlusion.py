@@ -12,7 +12,7 @@ from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import Settings
 from raytracer.sampling.sampler import Sampler
-from raytracer.sampling.sobol import PixelSamples
+from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.lights import World
 from raytracer.scene.materials import Closure, Material
@@ -66,7 +66,7 @@ def look_down(scene, count=COUNT, rows=slice(None), missing=0):
     """Trace rays straight down to the origin, one sample of as many pixels, the first `missing` up; returns their
     radiance (n, 3)."""
     integrator = prepare(scene, raytracer.build(scene), Settings())
-    samples = PixelSamples(np.arange(count, dtype=np.uint32), 3, 7).select(rows)
+    samples = SobolSamples(np.arange(count, dtype=np.uint32), 3, 7).select(rows)
     directions = np.where(np.arange(count)[:, np.newaxis] < missing, UP, (0.0, 0.0, -1.0))
     rays = make_rays(np.tile((0.0, 0.0, 0.5), (count, 1)), directions).select(rows)
     return trace(integrator, rays, samples)["Combined"][:, :3]
@@ -155,7 +155,7 @@ def test_rays_are_the_samples_own_and_fill_one_sequence():
 
     def list_rays(samples, count):
         cast.clear()
-        own = PixelSamples(np.zeros(len(samples), np.uint32), np.array(samples, np.uint32), 0)
+        own = SobolSamples(np.zeros(len(samples), np.uint32), np.array(samples, np.uint32), 0)
         probe = Probe(surface.select(slice(0, len(samples))), keep, Sampler(own, None, 5))
         normal = np.tile(UP, (len(samples), 1))
         assert (probe.find_open(normal, np.ones(len(samples)), count, own=False) == 1.0).all()
