@@ -22,6 +22,8 @@ def main(path: str) -> int:
     """Run the job in a file; return the exit code."""
     job = json.loads(Path(path).read_text())
     folder = Path(job["folder"])
+    # Python looks for modules beside a script first, where `cycles` would stand before the package of Blender's engine.
+    sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != Path(__file__).resolve().parent]
     try:
         import bpy  # noqa: F401  (before the paths: those of the bpy module hold a package of that name for itself)
 

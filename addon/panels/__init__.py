@@ -4,6 +4,6 @@ render, last_render, view_layer, scene_data : own panels; built_in : Blender's; 
 they have in common. Those of comparisons and of the ray inspector are with them.
 """
 
-from .registration import register, unregister
+from .registration import CLASSES, register, unregister
 
-__all__ = ["register", "unregister"]
+__all__ = ["CLASSES", "register", "unregister"]

@@ -1,7 +1,7 @@
 """One region in Rendered shading: what it was told to draw last, and what it has so far.
 
-The renderer is a process of its own (`raytracer.live`): Blender only extracts what changed, says where it looks from,
-and looks at pictures when they come. Nothing here draws or needs a window.
+The renderer is a process of its own (`raytracer.rendering.live`): Blender only extracts what changed, says where it
+looks from, and looks at pictures when they come. Nothing here draws or needs a window.
 """
 
 from __future__ import annotations

@@ -312,7 +312,7 @@ def test_command_prints_json_alone() -> None:
 
 
 def test_command_outside_the_repository_says_so(tmp_path: Path) -> None:
-    script = "from addon.bench import run; run(None)"
+    script = "from addon.commands.bench import run; run(None)"
     (tmp_path / "addon").symlink_to(ROOT / "addon")
     (tmp_path / "raytracer").symlink_to(ROOT / "raytracer")
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -121,7 +121,7 @@ def test_wrong_usage_is_one_line(capsys: pytest.CaptureFixture[str], arguments: 
 
 
 def test_help_needs_no_blender() -> None:
-    script = "import sys; sys.modules['bpy'] = None; from addon.command_line import main; main(sys.argv[1:])"
+    script = "import sys; sys.modules['bpy'] = None; from addon.commands.command_line import main; main(sys.argv[1:])"
     for arguments in (["--help"], ["render", "--help"], ["compare", "--help"]):
         done = subprocess.run(
             [sys.executable, "-c", script, *arguments], cwd=ROOT, capture_output=True, text=True, check=False

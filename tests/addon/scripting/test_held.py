@@ -178,9 +178,9 @@ def test_package_brings_in_nothing_until_asked():
     code = """
 import sys, addon
 assert not {"numpy", "bpy", "raytracer"} & set(sys.modules)
-import addon.casting
+import addon.scripting.ray_cast
 from addon import ray_cast
-assert ray_cast is addon.casting.ray_cast is addon.ray_cast
+assert ray_cast is addon.scripting.ray_cast.ray_cast is addon.ray_cast
 try:
     addon.no_such_thing
 except AttributeError as error:

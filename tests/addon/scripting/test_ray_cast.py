@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 
-import addon
 from addon import ray_cast
 from addon.compare.ray_cast import comparison as comparison_module
 from addon.compare.ray_cast.comparison import compare_sides
@@ -23,6 +22,7 @@ from addon.compare.ray_cast.sides import Answers, Sides, key_of
 from addon.extract.camera import extract_camera
 from addon.extract.warnings import WarningList
 from addon.scripting import held
+from addon.scripting import ray_cast as ray_cast_module
 from tests.addon.scripting.ray_cast_fixtures import (
     DOWN,
     aim_down,
@@ -319,7 +319,7 @@ def test_no_rays_give_no_results(empty_scene):
 def test_normals_are_the_same_measured_once_or_for_each_hit(empty_scene, monkeypatch):
     bpy.ops.mesh.primitive_uv_sphere_add(radius=2, scale=(1, -1, 0.5))
     many = assert_same_as_blender()
-    monkeypatch.setattr(addon.casting, "SHARED_TRIANGLES", 0)
+    monkeypatch.setattr(ray_cast_module, "SHARED_TRIANGLES", 0)
     np.testing.assert_array_equal(ray_cast(find_depsgraph(), *aim_down()).normal, many.normal)
 
 

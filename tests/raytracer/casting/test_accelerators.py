@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer.casting import caster as caster_module
 from raytracer.casting.brute_force import offer_all
 from raytracer.casting.bvh import clustering, culling, hierarchy, traverse, tree_table
 from raytracer.casting.bvh.traverse import offer_traversed
@@ -95,7 +96,7 @@ def test_batch_equals_single_rays(rng):
 
 
 def test_batches_larger_than_one_block_keep_their_order(rng, monkeypatch):
-    monkeypatch.setattr(raytracer.accelerate.caster, "BATCH_RAYS", 64)
+    monkeypatch.setattr(caster_module, "BATCH_RAYS", 64)
     caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(8))]))
     origins, directions = mixed_rays(rng, 300, np.zeros((1, 3)))
     directions[::17] = np.nan

@@ -213,7 +213,7 @@ def test_script_without_main_guard_is_not_run_again(functions, tmp_path):
         textwrap.dedent("""
             print("script runs", flush=True)
             import worker_functions
-            from raytracer.workers import Workers
+            from raytracer.processes.workers import Workers
             with Workers(2) as workers:
                 workers.load(worker_functions.make, "sleep_less_later")
                 print(sum(workers.run(range(10))))
@@ -236,7 +236,7 @@ def test_workers_end_when_their_parent_is_killed(functions, tmp_path):
     script.write_text(
         textwrap.dedent("""
             import time
-            from raytracer.workers import Workers
+            from raytracer.processes.workers import Workers
             print(*Workers(2).process_ids, flush=True)
             time.sleep(60)
         """)

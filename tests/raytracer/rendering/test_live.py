@@ -174,12 +174,12 @@ def test_close_leaves_nothing_behind() -> None:
 
 def test_the_process_ends_with_its_parent() -> None:
     code = (
-        "import os, numpy as np; from raytracer.live import Live; from tests.raytracer.test_live import *;"
+        "import os, numpy as np; from raytracer.rendering.live import Live;"
+        "from tests.raytracer.rendering.test_live import *;"
         "live = Live(); live.set_scene(make_scene()); live.draw(ENDLESS, 'certified');"
         "wait_for(lambda: live.report is not None); print(live.process_id, flush=True); os._exit(1)"
     )
-    root = ROOT
-    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, timeout=PATIENCE)
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE)
     process = int(done.stdout)
     wait_for(lambda: not is_alive(process) or is_zombie(process))
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import raytracer
-import raytracer.surfaces.surface as surface_module
 from raytracer.casting.geometry import pack_geometry, world_corners
 from raytracer.casting.rays import Hits, make_rays
 from raytracer.integrator.features import derive_features
 from raytracer.lecture import barycentric, dot
+from raytracer.surfaces import surface_tables
 from raytracer.surfaces.surface import make_surface, spawn_origin
 from raytracer.surfaces.surface_tables import make_surface_tables
 from tests import meshes
@@ -208,7 +208,7 @@ def test_make_surface_is_the_same_with_and_without_a_table_of_triangles(monkeypa
     assert len(hits) > 500
     surfaces = []
     for limit in (90, 89):
-        monkeypatch.setattr(surface_module, "LARGEST_TABLE", limit)
+        monkeypatch.setattr(surface_tables, "LARGEST_TABLE", limit)
         tables = make_surface_tables(scene, caster.geometry, False, False, roundoff=caster.roundoff)
         assert (tables.triangles is None) == (limit == 89)
         surfaces.append(make_surface(tables, rays, hits))
