@@ -73,7 +73,7 @@ class RAYTRACER_OT_inspect_pixel(bpy.types.Operator):
             return self._inspect(lambda: session.inspect_ray(depsgraph, *ray, "Ray of the 3D view", "View", space))
         pixel = None
         if place.area.spaces.active.image is not None:
-            pixel = find_pixel(place, session.find_frame(context.scene), context.scene.render)
+            pixel = find_pixel(place, session.find_resolution(context.scene), context.scene.render)
         if pixel is None:
             self.report({"WARNING"}, "There is no pixel of the render under the mouse")
             return {"CANCELLED"}

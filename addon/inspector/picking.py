@@ -30,21 +30,21 @@ def find_place(window: Any, x: int, y: int) -> Place | None:
     return None
 
 
-def find_pixel(place: Place, frame: tuple[int, int], settings: Any) -> tuple[int, int] | None:
+def find_pixel(place: Place, resolution: tuple[int, int], settings: Any) -> tuple[int, int] | None:
     """Return column and row, from the lower left corner of the full picture, of the image's pixel under the mouse.
 
     An image of another size, such as the heat map of a comparison, shows the whole picture.
 
-    frame : width and height of the full picture; settings : Scene.render
+    resolution : width and height of the full picture; settings : Scene.render
     """
     u, v = place.region.view2d.region_to_view(place.x, place.y)  # 0 to 1 over the image
     if not (0 <= u < 1 and 0 <= v < 1):
         return None
-    border = read_border(settings, *frame)
+    border = read_border(settings, *resolution)
     image = place.area.spaces.active.image
     if settings.use_border and settings.use_crop_to_border and tuple(image.size) == (border.width, border.height):
         return border.x_min + int(u * border.width), border.y_min + int(v * border.height)
-    return int(u * frame[0]), int(v * frame[1])
+    return int(u * resolution[0]), int(v * resolution[1])
 
 
 def find_view_ray(place: Place) -> tuple[Any, Any]:

@@ -51,21 +51,21 @@ def read_inspector(depsgraph: Any, space: Any = None) -> tuple[Inspector, Extrac
     extraction = extract_scene(depsgraph, space=space)
     settings = raytracer.Settings(**settings_keywords(depsgraph.scene_eval))
     caster = raytracer.build(extraction.scene, settings.precision)
-    return make_inspector(extraction.scene, caster, settings, find_frame(depsgraph.scene_eval)), extraction
+    return make_inspector(extraction.scene, caster, settings, find_resolution(depsgraph.scene_eval)), extraction
 
 
-def find_frame(scene: Any) -> tuple[int, int]:
+def find_resolution(scene: Any) -> tuple[int, int]:
     """Return width and height of the scene's full picture, pixels."""
     share = scene.render.resolution_percentage / 100
     return max(1, int(scene.render.resolution_x * share)), max(1, int(scene.render.resolution_y * share))
 
 
-def inspect_pixel(depsgraph: Any, x: int, y: int, frame: tuple[int, int] | None = None) -> Inspected:
+def inspect_pixel(depsgraph: Any, x: int, y: int, resolution: tuple[int, int] | None = None) -> Inspected:
     """Inspect the camera's ray through the centre of a pixel, column x and row y from the lower left corner.
 
-    frame : width and height of the full picture, pixels; None takes the scene's
+    resolution : width and height of the full picture, pixels; None takes the scene's
     """
-    width, height = frame or find_frame(depsgraph.scene_eval)
+    width, height = resolution or find_resolution(depsgraph.scene_eval)
     if not (0 <= x < width and 0 <= y < height):
         raise ValueError(f"pixel {x}, {y} lies outside of the picture of {width} x {height}")
     inspector, extraction = read_inspector(depsgraph)

@@ -1,8 +1,8 @@
-"""Where light goes on from a surface: the mixture of all ways to continue, sampled and weighed.
+"""The BSDF of a point: the mixture of all its lobes, evaluated, sampled and weighed.
 
-A point's options are its passage (transparency), its microfacet lobes, and, where diffuse reflection is followed, its
-Lambertian parts; one is taken at random, in proportion to the light it sends on. The direct-light integrator leaves out
-the last, and takes the light of diffuse surfaces by aiming at lights alone.
+A point's lobes are its passage (transparency), its microfacet lobes, and, where diffuse reflection is followed, its
+Lambertian parts; one is chosen at random, in proportion to the light it sends on. The direct-light integrator leaves
+out the last, and takes the light of diffuse surfaces by sampling lights alone.
 
 References
 ----------
@@ -31,11 +31,11 @@ SMALLEST_SQUARE = 2.0**-500
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BsdfSample:
-    """The way on from n points.
+    """The sample on from n points.
 
     direction : (n, 3) float64, unit
     weight : (n, 3) float64, f |cos| / density: what the light from there counts; 0 where the path ends
-    density : (n,) float64, per solid angle; inf where no other way leads to this direction
+    density : (n,) float64, per solid angle; inf where nothing but this lobe leads to this direction
     kind : (n,) uint8, of the bounce (`bounces`); STRAIGHT where the ray goes straight through the surface
     """
 
@@ -45,7 +45,7 @@ class BsdfSample:
     kind: Kinds
 
     @property
-    def passes(self) -> Booleans:
+    def goes_straight(self) -> Booleans:
         """(n,) True where the ray goes straight through the surface."""
         return self.kind == STRAIGHT
 
@@ -56,7 +56,7 @@ class BsdfSample:
 
 
 def lobe_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
-    """Return the probability of each option: the passage first, then the lobes, (n, 1 + lobes); rows of 0 have none.
+    """Return the probability of each lobe: the passage first, then the lobes, (n, 1 + lobes); rows of 0 have none.
 
     with_diffuse : True appends the Lambertian parts, that of the surface's normal first: (n, 2 + lobes + tilted)
     """
@@ -74,7 +74,7 @@ def lobe_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
 
 
 def includes_diffuse(shading: Shading, probabilities: Floats) -> bool:
-    """True where the Lambertian parts are among the options."""
+    """True where the Lambertian parts are among the lobes."""
     return probabilities.shape[1] > 1 + len(shading.lobes)
 
 
@@ -116,7 +116,7 @@ def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats) -
 
 
 def evaluate_bsdf(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
-    """Return f |cos| (n, 3) and the density (n,) of all options but the passage, as `evaluate_lobes`."""
+    """Return f |cos| (n, 3) and the density (n,) of all lobes but the passage, as `evaluate_lobes`."""
     if not includes_diffuse(shading, probabilities):
         return evaluate_lobes(shading, probabilities, incoming)
     value, density = evaluate_diffuse(shading, incoming), diffuse_density(shading, probabilities, incoming)
@@ -159,33 +159,35 @@ def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Mi
 
 
 def sample_bsdf(shading: Shading, probabilities: Floats, choice: Floats, pair: Floats) -> BsdfSample:
-    """Take one of each point's options.
+    """Take one of each point's lobes.
 
-    choice, pair : (n,), (n, 2) uniform numbers; what is left of `choice` within its option decides between reflection
+    choice, pair : (n,), (n, 2) uniform numbers; what is left of `choice` within its lobe decides between reflection
         and refraction
     """
     count = len(shading)
-    option, rest = _choose_option(probabilities, choice)
-    way = BsdfSample(-shading.outgoing, np.zeros((count, 3)), np.full(count, np.inf), np.zeros(count, dtype=np.uint8))
-    straight = np.flatnonzero(option == 0)
-    way.weight[straight] = take_rows(shading.transparency, straight) / probabilities[straight, 0:1]
+    lobe, rest = _choose_lobe(probabilities, choice)
+    sample = BsdfSample(
+        -shading.outgoing, np.zeros((count, 3)), np.full(count, np.inf), np.zeros(count, dtype=np.uint8)
+    )
+    straight = np.flatnonzero(lobe == 0)
+    sample.weight[straight] = take_rows(shading.transparency, straight) / probabilities[straight, 0:1]
     spread = np.zeros(count, dtype=np.bool_)
     for column, lobes in enumerate(shading.lobes, start=1):
-        lobes = lobes.select(option[lobes.hit] == column)
+        lobes = lobes.select(lobe[lobes.hit] == column)
         if len(lobes):
-            _sample_lobes(way, spread, shading, lobes, probabilities[lobes.hit, column], rest, pair)
+            _sample_lobes(sample, spread, shading, lobes, probabilities[lobes.hit, column], rest, pair)
     if includes_diffuse(shading, probabilities):
-        _sample_diffuse(way, spread, shading, option, pair)
+        _sample_diffuse(sample, spread, shading, lobe, pair)
     if spread.any():
-        value, density = evaluate_bsdf(shading, probabilities, way.direction)
+        value, density = evaluate_bsdf(shading, probabilities, sample.direction)
         found = np.flatnonzero(spread & (density > 0))
-        way.density[found] = density[found]
-        way.weight[found] = take_rows(value, found) / density[found, np.newaxis]
-    return way
+        sample.density[found] = density[found]
+        sample.weight[found] = take_rows(value, found) / density[found, np.newaxis]
+    return sample
 
 
 def _sample_lobes(
-    way: BsdfSample,
+    sample: BsdfSample,
     spread: Booleans,
     shading: Shading,
     lobes: Microfacets,
@@ -196,17 +198,17 @@ def _sample_lobes(
     """Fill in the directions of the points that take a lobe, and mark those (`spread`) that wait for their weights."""
     rows = lobes.hit
     outgoing, normal = take_rows(shading.outgoing, rows), take_rows(shading.geometric_normal, rows)
-    sample = sample_microfacets(lobes, outgoing, normal, rest[rows], take_rows(pair, rows))
-    way.direction[rows] = sample.direction
-    perfect = sample.valid & sample.perfect
-    way.weight[rows] = np.where(perfect[:, np.newaxis], sample.weight / probability[:, np.newaxis], 0.0)
-    spread[rows] = sample.valid & ~sample.perfect
-    transmitted = np.where(dot(lobes.normal, sample.direction) < 0, TRANSMITTED, 0)
-    way.kind[rows] = GLOSSY | np.where(sample.perfect, SINGULAR, 0) | transmitted
+    taken = sample_microfacets(lobes, outgoing, normal, rest[rows], take_rows(pair, rows))
+    sample.direction[rows] = taken.direction
+    perfect = taken.valid & taken.perfect
+    sample.weight[rows] = np.where(perfect[:, np.newaxis], taken.weight / probability[:, np.newaxis], 0.0)
+    spread[rows] = taken.valid & ~taken.perfect
+    transmitted = np.where(dot(lobes.normal, taken.direction) < 0, TRANSMITTED, 0)
+    sample.kind[rows] = GLOSSY | np.where(taken.perfect, SINGULAR, 0) | transmitted
 
 
 def _sample_diffuse(
-    way: BsdfSample, spread: Booleans, shading: Shading, option: NDArray[np.intp], pair: Floats
+    sample: BsdfSample, spread: Booleans, shading: Shading, lobe: NDArray[np.intp], pair: Floats
 ) -> None:
     """Likewise of the points that take a Lambertian part: directions around its normal with density cos / pi."""
     first = 1 + len(shading.lobes)
@@ -214,26 +216,26 @@ def _sample_diffuse(
     if shading.tilted:
         normal = normal.copy()
         for column, part in enumerate(shading.tilted, start=first + 1):
-            taken = option[part.hit] == column
+            taken = lobe[part.hit] == column
             normal[part.hit[taken]] = part.normal[taken]
-            way.kind[part.hit[taken]] = DIFFUSE | TRANSMITTED if part.transmits else DIFFUSE
-    rows = np.flatnonzero(option >= first)
-    way.direction[rows] = to_world(sample_cosine_hemisphere(take_rows(pair, rows)), take_rows(normal, rows))
-    way.kind[rows] |= DIFFUSE
+            sample.kind[part.hit[taken]] = DIFFUSE | TRANSMITTED if part.transmits else DIFFUSE
+    rows = np.flatnonzero(lobe >= first)
+    sample.direction[rows] = to_world(sample_cosine_hemisphere(take_rows(pair, rows)), take_rows(normal, rows))
+    sample.kind[rows] |= DIFFUSE
     spread[rows] = True
 
 
-def _choose_option(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return the option (n,) whose interval of the unit interval holds `choice`, and where in it, in [0, 1).
+def _choose_lobe(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Return the lobe (n,) whose interval of the unit interval holds `choice`, and where in it, in [0, 1).
 
-    The option of a point that has none is -1.
+    The lobe of a point that has none is -1.
     """
     upper = np.cumsum(probabilities, axis=1)
     at = choice * upper[:, -1]
-    option = (at[:, np.newaxis] >= upper).sum(axis=1)
-    option[upper[:, -1] == 0] = -1
+    lobe = (at[:, np.newaxis] >= upper).sum(axis=1)
+    lobe[upper[:, -1] == 0] = -1
     rows = np.arange(len(choice))
-    width = probabilities[rows, option]
-    lower = upper[rows, option] - width
+    width = probabilities[rows, lobe]
+    lower = upper[rows, lobe] - width
     rest = np.divide(at - lower, width, out=np.zeros_like(choice), where=width > 0)
-    return option, np.clip(rest, 0.0, np.nextafter(1.0, 0.0))
+    return lobe, np.clip(rest, 0.0, np.nextafter(1.0, 0.0))

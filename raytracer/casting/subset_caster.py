@@ -14,7 +14,7 @@ from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Instances
 
 
-class PartCaster:
+class SubsetCaster:
     """Casts into those instances and groups of spheres of `whole` that are `present` (instances + groups,) bool."""
 
     def __init__(self, whole: Any, present: Booleans) -> None:

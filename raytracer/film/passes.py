@@ -13,24 +13,28 @@ class Pass:
     channels : numbers per pixel
     from_centre : True where the value is that of the ray through the pixel's centre, not a mean over samples
     miss : what each channel holds where that ray hits nothing
+    needs_light : True where it takes more than the first surface to know it
+    is_index : True where values are names of things, of which no two can be averaged or compared by size
     """
 
     channels: int
     from_centre: bool = False
     miss: float = 0.0
+    needs_light: bool = False
+    is_index: bool = False
 
 
 PASSES = {
-    "Combined": Pass(4),  # linear RGB, already multiplied by alpha (premultiplied)
+    "Combined": Pass(4, needs_light=True),  # linear RGB, already multiplied by alpha (premultiplied)
     "Depth": Pass(1, from_centre=True, miss=1e10),  # metres along the camera's viewing axis
     "Position": Pass(3, from_centre=True),  # metres, world
     "Normal": Pass(3),  # shading normal, world, towards the ray
     "UV": Pass(3),  # u, v, 1; 0 on what has no uvs
-    "Object Index": Pass(1, from_centre=True),
-    "Material Index": Pass(1, from_centre=True),
-    "Diffuse Color": Pass(3),
-    "Emission": Pass(3),
-    "Shadow": Pass(3),  # share of the direct light that reaches the surface
+    "Object Index": Pass(1, from_centre=True, is_index=True),
+    "Material Index": Pass(1, from_centre=True, is_index=True),
+    "Diffuse Color": Pass(3, needs_light=True),
+    "Emission": Pass(3, needs_light=True),
+    "Shadow": Pass(3, needs_light=True),  # share of the direct light that reaches the surface
 }
 
 

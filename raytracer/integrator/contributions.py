@@ -12,12 +12,11 @@ import numpy as np
 from raytracer.arrays.rows import mean_column
 from raytracer.arrays.types import Floats
 from raytracer.bsdfs.bounce_kinds import describe_kinds
-from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Hits
 from raytracer.integrator.bounces import classify_rays
 from raytracer.integrator.clamping import clamp_met
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.paths import Paths, Record
+from raytracer.integrator.paths import PathPasses, Paths, Wave
 from raytracer.lecture import length
 from raytracer.lights.emitters import emitter_density
 from raytracer.lights.environment import Environment, environment_density, evaluate_environment
@@ -35,17 +34,17 @@ OPAQUE_ENOUGH = 0.5
 FARTHEST = float(np.finfo(np.float32).max)
 
 
-def add_background(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
+def add_background(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> None:
     """Rays that hit nothing see the world; where it is left out of the picture, what is seen straight is alpha."""
     missed = paths.select(np.flatnonzero(~hits.hit))
     if integrator.settings.transparent:
-        record.background[missed.row[missed.direct]] += mean_column(missed.throughput[missed.direct])
+        passes.background[missed.row[missed.direct]] += mean_column(missed.throughput[missed.direct])
         missed = missed.select(~missed.direct)
     if integrator.background is not None and len(missed):
         light = see_background(integrator, integrator.background, missed)
-        record.add("Combined", missed.row, light)
-        if record.backdrop is not None:
-            record.backdrop[missed.row[missed.direct]] += light[missed.direct]
+        passes.add("Combined", missed.row, light)
+        if passes.backdrop is not None:
+            passes.backdrop[missed.row[missed.direct]] += light[missed.direct]
 
 
 def see_background(integrator: Integrator, background: Environment, paths: Paths) -> Floats:
@@ -58,13 +57,13 @@ def see_background(integrator: Integrator, background: Environment, paths: Paths
     return clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
 
 
-def add_visible_lights(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> None:
+def add_visible_lights(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> None:
     """Rays see the lights that they pass before they hit, if those are for them to see."""
     for light in integrator.visible_lights:
-        add_visible_light(integrator, light, record, paths, hits)
+        add_visible_light(integrator, light, passes, paths, hits)
 
 
-def add_visible_light(integrator: Integrator, light: Light, record: Record, paths: Paths, hits: Hits) -> None:
+def add_visible_light(integrator: Integrator, light: Light, passes: PathPasses, paths: Paths, hits: Hits) -> None:
     """Add what rays see of one light; the directions of camera rays may have any length."""
     rows = np.flatnonzero(classify_rays(paths.kind) & light.seen_by)
     paths = paths.select(rows)
@@ -76,48 +75,48 @@ def add_visible_light(integrator: Integrator, light: Light, record: Record, path
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
     share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
     radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * seen.radiance)
-    record.add("Combined", paths.row, radiance)
-    record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
+    passes.add("Combined", paths.row, radiance)
+    passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
 
 
-def cut_holes(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> tuple[Paths, Hits]:
+def cut_holes(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> tuple[Paths, Hits]:
     """End paths that go straight into a holdout object: black, and no part of the picture."""
     if integrator.holdout is None:
         return paths, hits
     cut = paths.direct & integrator.holdout[hits.instance]
     if integrator.settings.transparent:
-        record.background[paths.row[cut]] += mean_column(paths.throughput[cut])
+        passes.background[paths.row[cut]] += mean_column(paths.throughput[cut])
     return paths.select(~cut), hits.select(~cut)
 
 
-def describe_surface(
-    integrator: Integrator, record: Record, paths: Paths, hits: Hits, surface: Surface, shading: Shading
-) -> None:
+def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> None:
     """Fill the passes that describe the first opaque surface straight ahead of the camera."""
+    paths, surface, shading = wave.paths, wave.surface, wave.shading
     direct = np.flatnonzero(paths.direct)
-    record.add("Diffuse Color", paths.row[direct], (paths.throughput * shading.sum_diffuse())[direct])
-    rows = direct[~record.settled[paths.row[direct]]]
+    passes.add("Diffuse Color", paths.row[direct], (paths.throughput * shading.sum_diffuse())[direct])
+    rows = direct[~passes.found[paths.row[direct]]]
     row = paths.row[rows]
-    stretch = hits.distance[rows] * length(paths.rays.directions[rows])
-    record.set("Depth", row, (paths.travelled[rows] + stretch) / record.depth_unit[row])
-    record.set("Position", row, surface.position[rows])
-    record.set("Object Index", row, integrator.pass_index[surface.instance[rows]])
-    record.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
+    stretch = wave.hits.distance[rows] * length(paths.rays.directions[rows])
+    passes.set("Depth", row, (paths.travelled[rows] + stretch) / passes.depth_unit[row])
+    passes.set("Position", row, surface.position[rows])
+    passes.set("Object Index", row, integrator.pass_index[surface.instance[rows]])
+    passes.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
     opaque = mean_column(shading.transparency[rows]) <= 1.0 - OPAQUE_ENOUGH
     rows, row = rows[opaque], row[opaque]
-    if "Normal" in record.passes:
-        record.set("Normal", row, shading.average_normal()[rows])
+    if "Normal" in passes.values:
+        passes.set("Normal", row, shading.average_normal()[rows])
     if surface.uv is not None:
         mapped = ~np.isnan(surface.uv[rows, 0])
         uv = surface.uv[rows[mapped]]
-        record.set("UV", row[mapped], np.pad(uv, ((0, 0), (0, 1)), constant_values=1.0))
-    record.settled[row] = True
+        passes.set("UV", row[mapped], np.pad(uv, ((0, 0), (0, 1)), constant_values=1.0))
+    passes.found[row] = True
 
 
-def add_emission(integrator: Integrator, record: Record, paths: Paths, surface: Surface, shading: Shading) -> None:
-    """Add what shines at the hit, in the share that light sampling leaves to reflected rays."""
+def add_emission(integrator: Integrator, passes: PathPasses, wave: Wave) -> None:
+    """Add the emission of the surface that is hit, in the share that light sampling leaves to reflected rays."""
     if integrator.emitters is None:
         return
+    paths, surface = wave.paths, wave.surface
     share = np.ones(len(paths))
     sampled = np.flatnonzero(np.isfinite(paths.density))
     other = emitter_density(
@@ -131,10 +130,10 @@ def add_emission(integrator: Integrator, record: Record, paths: Paths, surface: 
     if integrator.links is not None:
         lit = integrator.links.find_lit(integrator.links.receivers[surface.instance], paths.scatterer)
         share[~(paths.direct | lit)] = 0.0
-    light = paths.throughput * shading.radiance * share[:, np.newaxis]
+    light = paths.throughput * wave.shading.radiance * share[:, np.newaxis]
     radiance = clamp_met(integrator.settings, paths.bounces, light)
-    record.add("Combined", paths.row, radiance)
-    record.add("Emission", paths.row[paths.direct], radiance[paths.direct])
+    passes.add("Combined", paths.row, radiance)
+    passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
 
 
 def describe_path(
@@ -147,10 +146,10 @@ def describe_path(
     if integrator.materials.computed is None:
         return None
     path = describe_rays(paths, hits.distance)
-    if integrator.block is None:
+    if integrator.occlusion_test is None or integrator.dimensions.programs is None:
         return path
-    own = sampler.select(paths.row).skip(integrator.dimensions - 1 - integrator.interreflects)
-    return replace(path, probe=Probe(surface, integrator.block, own))
+    own = sampler.select(paths.row).skip(integrator.dimensions.programs)
+    return replace(path, probe=Probe(surface, integrator.occlusion_test, own))
 
 
 def describe_rays(paths: Paths, distance: Floats | float) -> LightPath:
@@ -172,7 +171,7 @@ def divide_shadow(arriving: Floats, unshadowed: Floats) -> Floats:
     return np.divide(arriving, unshadowed, out=np.zeros_like(arriving), where=unshadowed > 0)
 
 
-def finish_alpha(integrator: Integrator, record: Record) -> None:
+def finish_alpha(integrator: Integrator, passes: PathPasses) -> None:
     """Alpha is what did not reach a background left out of the picture."""
-    if "Combined" in record.passes:
-        record.passes["Combined"][:, 3] = 1.0 - record.background
+    if "Combined" in passes.values:
+        passes.values["Combined"][:, 3] = 1.0 - passes.background

@@ -1,8 +1,7 @@
-"""Light that arrives at surface points straight from its sources, with shadow rays.
+"""The light loop: what every source sends to shading points, and what they reflect of it, before shadow rays are cast.
 
-Every source of a scene becomes one function, a LightStage, that samples a direction from each point; what a scene lacks
-is not among them. A source that reflected rays can also meet is sampled in both ways, weighed by the power heuristic.
-Shadow rays that share the point they end at, or their direction, are cast in calls of their own.
+`light_sources` samples the sources, `shadow_rays` casts. A source that reflected rays can also meet is sampled in both
+ways, weighed by the power heuristic.
 """
 
 from __future__ import annotations
@@ -26,30 +25,32 @@ from raytracer.surfaces.surface import Surface, spawn_origin
 
 
 def sample_lights(
-    sources: tuple[LightSource, ...], points: ShadingPoints, probabilities: Floats, throughput: Floats, row: Indices
+    sources: tuple[LightSource, ...],
+    points: ShadingPoints,
+    probabilities: Floats,
+    throughput: Floats,
+    row: Indices,
+    all_rays: bool = False,
 ) -> list[ShadowRays]:
-    """Return shadow rays from n points to one sample of every source, with the light they would bring.
+    """The light loop: return shadow rays from n points to one sample of every source, with the light they would bring.
 
     Parameters
     ----------
-    probabilities : (n, options) float64, of `scatter.lobe_probabilities`
+    probabilities : (n, lobes) float64, of `bsdf.lobe_probabilities`
     throughput : (n, 3) float64, what light from these points counts; 0 leaves a point out
     row : (n,) int64, the points' rows of the batch
+    all_rays : True for rays to sources that throw no shadows, too
     """
-    aimed = []
+    shadow_rays = []
     for source in sources:
-        points = replace(points, sampler=points.sampler.skip(source.skipped))
-        aim = source.sample(points)
-        points = replace(points, sampler=points.sampler.skip(source.dimensions))
-        light = reflect_light(points.shading, probabilities, aim.light, source.seen_by) * throughput
-        if source.find_lit is not None:
-            light[~source.find_lit(points.surface.instance)] = 0.0
-        lit = np.flatnonzero((aim.light.density > 0) & any_column(light > 0))
-        rays = _aim(points.surface, aim.light, lit) if source.cast_shadow else None
+        found = source.sample(replace(points, sampler=points.sampler.skip(source.dimension)))
+        light = reflect_light(points.shading, probabilities, found.light, source.seen_by) * throughput
+        lit = np.flatnonzero((found.light.density > 0) & any_column(light > 0))
+        rays = _aim(points.surface, found.light, lit) if source.cast_shadow or all_rays else None
+        passages, key = points.passages[lit], found.key[lit]
         light = take_rows(light, lit)
-        passages, chance = points.passages[lit], source.chance
-        aimed.append(ShadowRays(row[lit], light, aim.key[lit], passages, rays, source.unstopped, chance))
-    return aimed
+        shadow_rays.append(ShadowRays(row[lit], light, key, passages, rays, source.unstopped, source.chance))
+    return shadow_rays
 
 
 def _aim(surface: Surface, light: LightSamples, rows: Indices) -> Rays:

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
-from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
+from raytracer.scene.lights import World
 from raytracer.scene.materials import Closure
 from raytracer.scene.programs import Register
 from raytracer.scene.scene import Scene
-from raytracer.shading.evaluate import casts_rays, reads_light_path
+from raytracer.shading.evaluate import casts_rays
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
 SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
@@ -26,10 +26,11 @@ class Features:
     """One flag for each thing a scene may lack.
 
     smooth_normals : a mesh has normals
+    uvs : a mesh has uvs
     emission : a used material emits (visible light sources; sampled as lights)
     world : the world is not black
     diffuse : a material reflects diffusely
-    mirrors : a material reflects or transmits otherwise
+    specular : a material reflects or transmits otherwise
     rough : a reflecting or transmitting material has roughness above 0
     transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
     holdout : an object punches a hole into the alpha channel
@@ -37,22 +38,15 @@ class Features:
     light_linking : a light, or an emissive object, lights some objects only
     ray_visibility : an object is hidden from some rays
     programs : a parameter of a material is computed at each point
-    light_path : a program asks how the ray came
     occlusion : a program casts rays
     """
 
-    meshes: bool
-    spheres: bool
     smooth_normals: bool
     uvs: bool
-    point_lights: bool
-    spot_lights: bool
-    sun_lights: bool
-    area_lights: bool
     emission: bool
     world: bool
     diffuse: bool
-    mirrors: bool
+    specular: bool
     rough: bool
     transparency: bool
     holdout: bool
@@ -60,7 +54,6 @@ class Features:
     light_linking: bool
     ray_visibility: bool
     programs: bool
-    light_path: bool
     occlusion: bool
 
 
@@ -120,24 +113,16 @@ def _is_any(scene: Scene, name: str) -> bool:
 def derive_features(scene: Scene) -> Features:
     """Return the Features of `scene`."""
     closures = [closure for material in scene.materials for closure in material.closures]
-    # SpotLight is a PointLight by inheritance; the exact type tells them apart.
-    kinds = {type(light) for light in scene.lights}
     hides = any(group.seen_by != SEEN_BY_ALL for group in scene.spheres)
     if scene.instances is not None and scene.instances.seen_by is not None:
         hides |= bool((scene.instances.seen_by != SEEN_BY_ALL).any())
     return Features(
-        meshes=any(len(mesh.triangles) for mesh in scene.meshes),
-        spheres=any(len(group.radii) for group in scene.spheres),
         smooth_normals=any(mesh.normals is not None for mesh in scene.meshes),
         uvs=any(mesh.uvs is not None for mesh in scene.meshes),
-        point_lights=PointLight in kinds,
-        spot_lights=SpotLight in kinds,
-        sun_lights=SunLight in kinds,
-        area_lights=AreaLight in kinds,
         emission=any(_emits(closure) for closure in closures),
         world=scene.world is not None and _shines(scene.world),
         diffuse=any(_is_diffuse(closure) for closure in closures),
-        mirrors=any(_scatters_on(closure) for closure in closures),
+        specular=any(_scatters_on(closure) for closure in closures),
         rough=any(_is_rough(closure) for closure in closures),
         transparency=any(_lets_through(closure) for closure in closures),
         holdout=_is_any(scene, "holdout"),
@@ -146,6 +131,5 @@ def derive_features(scene: Scene) -> Features:
         or (scene.instances is not None and bool((scene.instances.receivers != ALL_SETS).any())),
         ray_visibility=hides,
         programs=any(closure.registers or closure.vectors for closure in closures),
-        light_path=any(reads_light_path(material.program) for material in scene.materials),
         occlusion=any(casts_rays(material.program) for material in scene.materials),
     )

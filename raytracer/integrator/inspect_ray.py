@@ -33,7 +33,7 @@ from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import Integrator, light_is_on, prepare
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
 from raytracer.integrator.loop import find_closed
-from raytracer.integrator.paths import Paths, advance, start_paths, start_record
+from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
 from raytracer.integrator.traced_rays import (
@@ -105,15 +105,17 @@ class Inspector:
         return trace_tree(self, make_rays(origin, direction, t_min, t_max))
 
 
-def make_inspector(scene: Scene, caster: Caster, settings: Settings, frame: tuple[int, int] | None = None) -> Inspector:
+def make_inspector(
+    scene: Scene, caster: Caster, settings: Settings, resolution: tuple[int, int] | None = None
+) -> Inspector:
     """Return what looks at the rays of `scene`.
 
     caster : of that scene
     settings : their limits of bounces are followed
-    frame : size of the full picture, pixels, for materials that ask
+    resolution : of the full picture, pixels, for materials that ask
     """
     settings = replace(settings, integrator="direct", passes=("Combined",), transparent=False)
-    integrator = prepare(scene, caster, settings, *(() if frame is None else (frame,)))
+    integrator = prepare(scene, caster, settings, *(() if resolution is None else (resolution,)))
     lights = tuple(number for number, light in enumerate(scene.lights) if light_is_on(light))
     return Inspector(scene, caster, integrator, lights)
 
@@ -161,21 +163,22 @@ def trace_ray(inspector: Inspector, ray: TracedRay, path: Paths) -> list[Branch]
     """Cast one ray, write down what it finds and the light from there; return the branches on."""
     integrator = inspector.integrator
     hits = integrator.cast(path.rays, classify_rays(path.kind))
-    record = start_record(integrator.settings, path.rays)
-    add_background(integrator, record, path, hits)
-    add_visible_lights(integrator, record, path, hits)
+    passes = start_passes(integrator.settings, path.rays)
+    add_background(integrator, passes, path, hits)
+    add_visible_lights(integrator, passes, path, hits)
     branches: list[Branch] = []
     if hits.hit[0]:
         surface = make_surface(integrator.tables, path.rays, hits)
         own = Sampler(SobolSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
         shading = make_shading(integrator.materials, surface, describe_path(integrator, path, hits, surface, own))
-        add_emission(integrator, record, path, surface, shading)
+        wave = Wave(path, hits, surface, shading)
+        add_emission(integrator, passes, wave)
         ray.hit = describe_hit(inspector.caster, path.rays, hits, surface, shading)
         if not find_ended(path.bounces, integrator.settings)[0]:
-            ray.shadows = list(trace_shadows(inspector, path, surface, shading))
+            ray.shadows = list(trace_shadows(inspector, wave))
             ray.dark = sorted(set(inspector.lights) - {shadow.source for shadow in ray.shadows})
-        branches = list(find_branches(integrator, path, hits, surface, shading))
-    ray.color += record.passes["Combined"][0, :3] + sum(shadow.light * shadow.share for shadow in ray.shadows)
+        branches = list(find_branches(integrator, wave))
+    ray.color += passes.values["Combined"][0, :3] + sum(shadow.light * shadow.share for shadow in ray.shadows)
     return branches
 
 
@@ -228,18 +231,17 @@ def measure_tolerance(surface: Surface, a: Floats, b: Floats, c: Floats) -> floa
 # Light ----------------------------------------------------------------------------------------------------------------
 
 
-def trace_shadows(inspector: Inspector, path: Paths, surface: Surface, shading: Shading) -> Iterator[Shadow]:
+def trace_shadows(inspector: Inspector, wave: Wave) -> Iterator[Shadow]:
     """Yield a shadow ray to each source of light of which the surface sends anything back."""
     integrator = inspector.integrator
-    points = ShadingPoints(
-        surface, shading, path.passages, Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
-    )
+    sampler = Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
+    points = ShadingPoints(wave.surface, wave.shading, wave.paths.passages, sampler)
     # Nothing but light sampling brings this light: no other way to its directions has a probability.
-    probabilities = np.zeros((1, 1 + len(shading.lobes)))
-    sources = tuple(replace(source, cast_shadow=True) for source in integrator.sources)
-    aimed = sample_lights(sources, points, probabilities, np.ones((1, 3)), np.zeros(1, np.intp))
+    probabilities = np.zeros((1, 1 + len(wave.shading.lobes)))
+    row = np.zeros(1, np.intp)
+    shadow_rays = sample_lights(integrator.sources, points, probabilities, np.ones((1, 3)), row, all_rays=True)
     names = name_sources(inspector)
-    for source, name, rays in zip(integrator.sources, names, aimed, strict=True):
+    for source, name, rays in zip(integrator.sources, names, shadow_rays, strict=True):
         if len(rays.row):
             yield trace_shadow(integrator, name, rays, source.cast_shadow)
 
@@ -300,24 +302,24 @@ def find_blocker(integrator: Integrator, rays: Rays) -> Blocker | None:
         rays = Rays(origins, rays.directions, np.zeros(1), reach)
 
 
-# Ways on --------------------------------------------------------------------------------------------------------------
+# Branches -------------------------------------------------------------------------------------------------------------
 
 
-def find_branches(
-    integrator: Integrator, path: Paths, hits: Hits, surface: Surface, shading: Shading
-) -> Iterator[Branch]:
-    """Yield the branches on that carry light; those of several lobes in one direction count together."""
-    if find_ended(path.bounces, integrator.settings)[0] or find_closed(integrator, path)[0]:
+def find_branches(integrator: Integrator, wave: Wave) -> Iterator[Branch]:
+    """Yield the ways on that carry light; those of several lobes in one direction count together."""
+    if find_ended(wave.paths.bounces, integrator.settings)[0] or find_closed(integrator, wave.paths)[0]:
         return
     found: dict[tuple[str, bytes], tuple[Floats, Floats, int]] = {}
-    for kind, direction, weight, bounce in list_directions(shading):
+    for kind, direction, weight, bounce in list_directions(wave.shading):
         key = kind, direction.tobytes()
         total = weight + (found[key][1] if key in found else 0.0)
         found[key] = direction, total, bounce
     for (kind, _), (direction, weight, bounce) in found.items():
         if weight.max() > 0:
-            way = BsdfSample(direction[np.newaxis], np.ones((1, 3)), np.array([np.inf]), np.array([bounce], np.uint8))
-            yield kind, advance(path, hits, surface, shading, way), weight
+            sample = BsdfSample(
+                direction[np.newaxis], np.ones((1, 3)), np.array([np.inf]), np.array([bounce], np.uint8)
+            )
+            yield kind, advance(wave, sample), weight
 
 
 def list_directions(shading: Shading) -> Iterator[tuple[str, Floats, Floats, int]]:

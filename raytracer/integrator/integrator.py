@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,16 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Booleans
 from raytracer.casting.caster import Caster
 from raytracer.casting.ray_visibility import Cast, RayCaster, make_cast
-from raytracer.casting.subset_caster import PartCaster
+from raytracer.casting.subset_caster import SubsetCaster
+from raytracer.film.passes import PASSES
 from raytracer.integrator.features import Features, derive_features
 from raytracer.integrator.light_sources import (
+    EmissiveGeometry,
     LightSource,
-    emitter_source,
-    leave_out,
-    light_source,
+    SampledLight,
+    make_light_source,
+    make_world_sources,
     set_chances,
-    world_sources,
 )
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, transparent_visibility
@@ -33,45 +33,41 @@ from raytracer.lights.emitters import Emitters, make_emitters
 from raytracer.lights.environment import Environment, make_environment
 from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.lights import has_extent
+from raytracer.sampling.dimensions import WaveDimensions, allocate_dimensions
 from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.lights import Light
 from raytracer.scene.scene import Scene
 from raytracer.shading.computed import list_scene_attributes
 from raytracer.shading.materials import MaterialTable, find_radiance, make_material_table
-from raytracer.shading.occlusion import Block, make_block
+from raytracer.shading.occlusion import OcclusionTest, make_occlusion_test
 from raytracer.shading.site_tables import make_site_tables
 from raytracer.surfaces.surface_tables import SurfaceTables, make_surface_tables
 
-# Passes that need light; the others are known at the first surface.
-LIGHT_PASSES = frozenset(("Combined", "Diffuse Color", "Emission", "Shadow"))
-# Numbered dimensions of a wave: which way to go on, and where within it; the sources of light follow, the rays of
-# programs, and last the chance to be cut short.
-CHOICE, WAY, FIRST_SOURCE = range(3)
 # What programs of materials that ask for the picture's size get where there is none.
-DEFAULT_FRAME = (1000, 1000)
+DEFAULT_RESOLUTION = (1000, 1000)
 
 
 @dataclass(frozen=True, eq=False)
 class Integrator:
     """The stages that a scene and its settings need.
 
+    cast : finds what rays hit of what they see
     sources : one for each source of light that surfaces are lit by
     visible_lights : lights that a reflected ray can meet
-    emitters : None where nothing shines
+    emitters : None where nothing is emissive
     background : the world, or None where it is black
-    cast : finds what rays hit of what they see
     visibility : how shadow rays fare
-    block : tells which rays of programs are blocked; None where no program casts any
+    occlusion_test : tells which rays of programs are blocked; None where no program casts any
     holdout : (instances + groups,) bool, or None where nothing punches holes
-    links : which objects are lit by what, or None where all are by all
-    is_catcher : (instances + groups,) bool, or None where nothing catches shadows
-    alone : the stages of the scene without all but its shadow catchers, or None
     pass_index : (instances + groups,) int32
     needs_light : False where all passes are known at the first surface
     goes_on : True where rays can go on from a surface
     interreflects : True where diffuse reflection is followed
-    shines : True where a ray that goes on can meet something that shines
+    emission_ahead : True where a ray that goes on can meet a light, emissive geometry or the world
     dimensions : numbered dimensions of a wave
+    links : which objects are lit by what, or None where all are by all
+    is_catcher : (instances + groups,) bool, or None where nothing catches shadows
+    catchers_only : the stages of the scene without all but its shadow catchers, or None
     """
 
     cast: Cast
@@ -83,33 +79,33 @@ class Integrator:
     emitters: Emitters | None
     background: Environment | None
     visibility: Visibility
-    block: Block | None
+    occlusion_test: OcclusionTest | None
     holdout: Booleans | None
     pass_index: NDArray[np.int32]
     needs_light: bool
     goes_on: bool
     interreflects: bool
-    shines: bool
-    dimensions: int
+    emission_ahead: bool
+    dimensions: WaveDimensions
     links: LightLinks | None = None
     is_catcher: Booleans | None = None
-    alone: Integrator | None = None
+    catchers_only: Integrator | None = None
 
 
 def prepare(
     scene: Scene,
     caster: Caster,
     settings: Settings,
-    frame: tuple[int, int] = DEFAULT_FRAME,
+    resolution: tuple[int, int] = DEFAULT_RESOLUTION,
     take_part: Callable[[Booleans], RayCaster] | None = None,
 ) -> Integrator:
     """Compose the stages that `scene` needs for the passes in `settings`.
 
-    frame : size of the full picture, pixels
-    take_part : returns the caster of some instances and groups of spheres; None: a PartCaster
+    resolution : of the full picture, pixels
+    take_part : returns the caster of some instances and groups of spheres; None: a SubsetCaster
     """
     features = derive_features(scene)
-    needs_light = not LIGHT_PASSES.isdisjoint(settings.passes)
+    needs_light = asks_for_light(settings)
     tables = make_surface_tables(
         scene,
         caster.geometry,
@@ -118,18 +114,23 @@ def prepare(
         barycentric=features.programs,
         roundoff=caster.roundoff,
     )
-    sites = make_site_tables(scene, tables, list_scene_attributes(scene), frame) if features.programs else None
+    sites = make_site_tables(scene, tables, list_scene_attributes(scene), resolution) if features.programs else None
     materials = make_material_table(scene, sites)
     background = None
     if features.world and needs_light and scene.world is not None:
-        background = make_environment(scene.world, scene.camera, frame)
+        background = make_environment(scene.world, scene.camera, resolution)
     compose = partial(_compose, scene, settings, features, tables, materials, background)
     whole = compose(caster)
     if not catches_shadows(features, settings):
         return whole
     is_catcher = _gather_records(scene, "shadow_catcher", np.bool_)
-    part = take_part(is_catcher) if take_part else PartCaster(caster, is_catcher)
-    return replace(whole, is_catcher=is_catcher, alone=compose(part, is_catcher))
+    part = take_part(is_catcher) if take_part else SubsetCaster(caster, is_catcher)
+    return replace(whole, is_catcher=is_catcher, catchers_only=compose(part, is_catcher))
+
+
+def asks_for_light(settings: Settings) -> bool:
+    """True where a pass needs light; the others are known at the first surface."""
+    return any(PASSES[name].needs_light for name in settings.passes)
 
 
 def catches_shadows(features: Features, settings: Settings) -> bool:
@@ -152,28 +153,24 @@ def _compose(
     caster : of what is present
     present : (instances + groups,) bool, which are shadow catchers; None for the whole scene
     """
-    needs_light = not LIGHT_PASSES.isdisjoint(settings.passes)
+    needs_light = asks_for_light(settings)
     interreflects = settings.integrator == "path" and features.diffuse and needs_light
     emitters = None
     if features.emission and needs_light:
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
     lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
-    links = None
-    if features.light_linking:
-        links = LightLinks(*(_gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
-    sources = [light_source(light, features.rough or interreflects, links) for light in lights]
-    shines = [present is None or light.shadow_catcher for light in lights]
-    lights = list(compress(lights, shines))
-    if emitters is not None:
-        sources.append(emitter_source(emitters, links))
-        shines.append(not emitters.is_empty)
-    if background is not None:
-        ways = world_sources(background)
-        sources += ways
-        shines += [True] * len(ways)
-    reflects = features.mirrors or interreflects
-    meeting = SEEN_BY_ALL - SEEN_BY["shadow"] if reflects else SEEN_BY["camera"]
-    visible_lights = tuple(light for light in lights if has_extent(light) and light.seen_by & meeting)
+    links = _link_lights(scene) if features.light_linking else None
+    sources = _list_sources(lights, emitters, background, links, features.rough or interreflects)
+    dimensions = allocate_dimensions(
+        [source.dimension_count for source in sources], programs=features.occlusion, roulette=interreflects
+    )
+    sources = [replace(source, dimension=first) for source, first in zip(sources, dimensions.sources, strict=True)]
+    # What is left out keeps its dimensions, so that the others are sampled alike with it and without.
+    sources = [source for source in sources if _is_present(source, catchers_only=present is not None)]
+    if present is not None:
+        lights = [light for light in lights if light.shadow_catcher]
+        settings = replace(settings, passes=("Combined",))
+    visible_lights = _find_visible(lights, features.specular or interreflects)
     seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
     cast = make_cast(caster, seen_by)
     if features.transparency:
@@ -183,24 +180,64 @@ def _compose(
         visibility = opaque_visibility(caster, None if seen_by is None else cast)
     return Integrator(
         cast=cast,
-        settings=settings if present is None else replace(settings, passes=("Combined",)),
+        settings=settings,
         tables=tables,
         materials=materials,
-        sources=set_chances(leave_out(sources, shines)),
+        sources=set_chances(sources),
         visible_lights=visible_lights,
         emitters=emitters,
         background=background,
         visibility=visibility,
-        block=make_block(caster, cast, tables) if features.occlusion else None,
+        occlusion_test=make_occlusion_test(caster, cast, tables) if features.occlusion else None,
         holdout=_gather_records(scene, "holdout", np.bool_) if features.holdout else None,
         pass_index=_gather_records(scene, "pass_index", np.int32),
         needs_light=needs_light,
-        goes_on=features.mirrors or features.transparency or interreflects,
+        goes_on=features.specular or features.transparency or interreflects,
         interreflects=interreflects,
-        shines=bool(visible_lights) or emitters is not None or background is not None,
+        emission_ahead=bool(visible_lights) or emitters is not None or background is not None,
+        dimensions=dimensions,
         links=links,
-        dimensions=FIRST_SOURCE + sum(source.dimensions for source in sources) + features.occlusion + interreflects,
     )
+
+
+def _link_lights(scene: Scene) -> LightLinks:
+    """Return which objects are lit by what."""
+    return LightLinks(*(_gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
+
+
+def _list_sources(
+    lights: list[Light],
+    emitters: Emitters | None,
+    background: Environment | None,
+    links: LightLinks | None,
+    weigh: bool,
+) -> list[LightSource]:
+    """Return all that surfaces are lit by: lights, then emissive geometry, then the world.
+
+    weigh : True where reflected rays can meet a light
+    """
+    sources = [make_light_source(light, weigh, links) for light in lights]
+    if emitters is not None:
+        sources.append(EmissiveGeometry(emitters=emitters, links=links))
+    if background is not None:
+        sources += make_world_sources(background)
+    return sources
+
+
+def _is_present(source: LightSource, catchers_only: bool) -> bool:
+    """True for a source of the scene; or, without all but shadow catchers, one that lights those."""
+    if isinstance(source, SampledLight):
+        return source.light.shadow_catcher or not catchers_only
+    return not (isinstance(source, EmissiveGeometry) and source.emitters.is_empty)
+
+
+def _find_visible(lights: list[Light], reflects: bool) -> tuple[Light, ...]:
+    """Return the lights that rays can meet.
+
+    reflects : True where reflected rays look for light, and not the camera's alone
+    """
+    meeting = SEEN_BY_ALL - SEEN_BY["shadow"] if reflects else SEEN_BY["camera"]
+    return tuple(light for light in lights if has_extent(light) and light.seen_by & meeting)
 
 
 def light_is_on(light: Light) -> bool:

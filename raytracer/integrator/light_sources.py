@@ -1,17 +1,19 @@
 """Sources of light: each samples a direction from every shading point; a scene has those that it needs, no others.
 
-A source that reflected rays can also meet is sampled in both ways, weighed by the power heuristic.
+Three kinds answer the same question: a light (`SampledLight`), all emissive geometry (`EmissiveGeometry`), the world
+(`SampledWorld`). A source that reflected rays can also meet is sampled in both ways, weighed by the power heuristic.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
-from raytracer.arrays.types import Booleans, Counts, Integers, Keys
+from raytracer.arrays.types import Counts, Keys
 from raytracer.bsdfs.closures import Shading
 from raytracer.lights.emitters import (
     Emitters,
@@ -49,6 +51,7 @@ class ShadingPoints:
     """n points that wait for light.
 
     passages : (n,) int32, straight passages of the paths that led there
+    sampler : begins with the wave's dimensions
     """
 
     surface: Surface
@@ -59,43 +62,135 @@ class ShadingPoints:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class KeyedSamples:
-    """Where n points look for a light: a sample each, and the key (n,) of the point or direction that they share with
-    all others of the same key; ALONE where with none."""
+    """A sample of a light from each of n points, and the key (n,) of the point or direction that it shares with all
+    others of the same key; ALONE where with none."""
 
     light: LightSamples
     key: Keys
 
 
-LightStage = Callable[[ShadingPoints], KeyedSamples]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LightSource(ABC):
+    """A source of light.
 
+    dimension_count : how many numbered dimensions a sample takes
+    dimension : the first of them, within a wave
+    kind : what Cycles would choose it as
+    chance : with which Cycles would choose it, see `clamping`
+    cast_shadow : False for a light that throws no shadows
+    seen_by : bits of SEEN_BY, the classes of rays that see it, which are the ways in which its light is reflected
+    unstopped : True where its light passes transparent surfaces that stop that of others
+    """
 
-@dataclass(frozen=True, eq=False)
-class LightSource:
-    """A source of light: the stage that samples it, how many numbered dimensions that takes, whether it throws shadows,
-    the classes of rays that see it, which are the ways in which its light is reflected, whether its light passes
-    transparent surfaces that stop that of others, how many numbered dimensions before its own nobody takes, its kind
-    and chance among what Cycles would choose from (`taming`), and which (n,) of n instances and groups of spheres it
-    lights; None for all, or where `sample` has told them apart."""
-
-    sample: LightStage
-    dimensions: int
+    dimension_count: ClassVar[int]
+    kind: int
+    dimension: int = 0
+    chance: float = 1.0
     cast_shadow: bool = True
     seen_by: int = SEEN_BY_ALL
     unstopped: bool = False
-    skipped: int = 0
+
+    @abstractmethod
+    def sample(self, points: ShadingPoints) -> KeyedSamples:
+        """Return a sample from each point; of weight 0 where light linking keeps its light away.
+
+        points : their sampler begins with this source's dimensions
+        """
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SampledLight(LightSource):
+    """One light.
+
+    weigh : False where no reflected ray can meet the light
+    links : which objects it lights; None for all
+    """
+
+    dimension_count: ClassVar[int] = 2
+    light: Light
+    weigh: bool
+    links: LightLinks | None
     kind: int = LIGHT
-    chance: float = 1.0
-    find_lit: Callable[[Integers], Booleans] | None = None
+
+    def sample(self, points: ShadingPoints) -> KeyedSamples:
+        """Return samples at a point that sets of pixels share, or at points of their own."""
+        shared, position = points.sampler.shared, points.surface.position
+        if is_shareable(self.light) and shared is not None:
+            targets = share_points(self.light, shared, points.sampler.dimension).take(shared.key, axis=0)
+            samples = sample_shared(self.light, position, targets, self.weigh)
+            found = KeyedSamples(samples, shared.key.astype(np.int32))
+            _replace_near(self.light, points, found)
+        else:
+            # Without extent all shadow rays of a light end at one point, or run in one direction.
+            key = ALONE if has_extent(self.light) else 0
+            found = KeyedSamples(sample_light(self.light, position, points.sampler.uniform_pair()), _fill(points, key))
+        if self.links is not None:
+            found.light.weight[~self.links.find_lit(self.light.receivers, points.surface.instance)] = 0.0
+        return found
 
 
-def leave_out(sources: Sequence[LightSource], present: Sequence[bool]) -> tuple[LightSource, ...]:
-    """Return the sources that are present; each takes the same random numbers as if all were."""
-    kept, skipped = [], 0
-    for source, stays in zip(sources, present, strict=True):
-        if stays:
-            kept.append(replace(source, skipped=source.skipped + skipped))
-        skipped = 0 if stays else skipped + source.dimensions
-    return tuple(kept)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EmissiveGeometry(LightSource):
+    """All emissive geometry: a number to choose by, and a pair for the place."""
+
+    dimension_count: ClassVar[int] = 2
+    emitters: Emitters
+    links: LightLinks | None
+    kind: int = GEOMETRY
+
+    def sample(self, points: ShadingPoints) -> KeyedSamples:
+        """Return samples on primitives picked by power: one that sets of pixels share, or each point's own."""
+        emitters, sampler, shared = self.emitters, points.sampler, points.sampler.shared
+        if shared is not None and not emitters.has_spheres:
+            picked = pick_emitters(emitters, shared.uniform(sampler.dimension))
+            pair = shared.uniform_pair(sampler.dimension + 1)
+            light = sample_placed(place_on_triangles(emitters, picked, pair).select(shared.key), points.surface)
+            picked, pair, key = picked[shared.key], pair[shared.key], shared.key.astype(np.int32)
+            vary_radiance(emitters, picked, pair, points.surface, light)
+        else:
+            picked, pair = pick_emitters(emitters, sampler.uniform(0)), sampler.uniform_pair(1)
+            light, key = sample_picked(emitters, points.surface, picked, pair), _fill(points, ALONE)
+        if self.links is not None:
+            receivers = self.links.receivers[emitters.instance[picked]]
+            light.weight[~self.links.find_lit(receivers, points.surface.instance)] = 0.0
+        return KeyedSamples(light, key)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SampledWorld(LightSource):
+    """The world, by one of its samplers: directions around the shading normal, or to where it is bright.
+
+    Cycles looks for the light of an even world with paths alone, which go on behind all that is transparent.
+    """
+
+    dimension_count: ClassVar[int] = 1
+    environment: Environment
+    sampler: WorldSampler
+
+    def sample(self, points: ShadingPoints) -> KeyedSamples:
+        """Return samples of density that of all the world's samplers together."""
+        normal = points.shading.normal
+        direction = self.sampler(normal, points.sampler.uniform_pair())
+        density = environment_density(self.environment, normal, direction)
+        share = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
+        weight = share[:, np.newaxis] * evaluate_environment(self.environment, direction)
+        light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
+        return KeyedSamples(light, _fill(points, ALONE))
+
+
+def make_light_source(light: Light, weigh: bool, links: LightLinks | None = None) -> LightSource:
+    """Return a light as a source; arguments as in `SampledLight`."""
+    links = None if light.receivers == ALL_SETS else links
+    return SampledLight(light=light, weigh=weigh, links=links, cast_shadow=light.cast_shadow, seen_by=light.seen_by)
+
+
+def make_world_sources(environment: Environment) -> list[LightSource]:
+    """Return the world as sources, one for each of its samplers."""
+    even = environment.program is None
+    return [
+        SampledWorld(environment=environment, sampler=sampler, kind=OTHER if even else WORLD, unstopped=even)
+        for sampler in list_world_samplers(environment)
+    ]
 
 
 def set_chances(sources: Sequence[LightSource]) -> tuple[LightSource, ...]:
@@ -112,32 +207,7 @@ def find_chances(lights: int, geometry: bool) -> dict[int, float]:
     return {LIGHT: every / max(lights, 1), WORLD: every / max(lights, 1), GEOMETRY: every}
 
 
-def light_source(light: Light, weigh: bool, links: LightLinks | None = None) -> LightSource:
-    """A light: two pairs of numbers at most.
-
-    weigh : False where no reflected ray can meet the light
-    """
-    # Without extent all shadow rays of a light end at one point, or run in one direction.
-    key_of_own = ALONE if has_extent(light) else 0
-    shareable = is_shareable(light)
-
-    def sample(points: ShadingPoints) -> KeyedSamples:
-        shared = points.sampler.shared
-        if shareable and shared is not None:
-            targets = share_points(light, shared, points.sampler.dimension).take(shared.key, axis=0)
-            aim = KeyedSamples(
-                sample_shared(light, points.surface.position, targets, weigh), shared.key.astype(np.int32)
-            )
-            _replace_near(light, points, aim)
-            return aim
-        pair = points.sampler.uniform_pair()
-        return KeyedSamples(sample_light(light, points.surface.position, pair), _fill_keys(points, key_of_own))
-
-    find_lit = partial(links.find_lit, light.receivers) if links is not None and light.receivers != ALL_SETS else None
-    return LightSource(sample, 2, light.cast_shadow, light.seen_by, find_lit=find_lit)
-
-
-def _replace_near(light: Light, points: ShadingPoints, aim: KeyedSamples) -> None:
+def _replace_near(light: Light, points: ShadingPoints, shared: KeyedSamples) -> None:
     """Give points near a light a sample of their own."""
     rows = np.flatnonzero(is_near(light, points.surface.position))
     if not len(rows):
@@ -145,55 +215,12 @@ def _replace_near(light: Light, points: ShadingPoints, aim: KeyedSamples) -> Non
     position = points.surface.position[rows]
     own = sample_light(light, position, points.sampler.select(rows).uniform_pair())
     for name in ("direction", "distance", "weight", "density"):
-        getattr(aim.light, name)[rows] = getattr(own, name)
-    if aim.light.target is not None and aim.light.reach is not None:
-        aim.light.target[rows] = position + own.direction
-        aim.light.reach[rows] = own.distance
-    aim.key[rows] = ALONE
+        getattr(shared.light, name)[rows] = getattr(own, name)
+    if shared.light.target is not None and shared.light.reach is not None:
+        shared.light.target[rows] = position + own.direction
+        shared.light.reach[rows] = own.distance
+    shared.key[rows] = ALONE
 
 
-def _fill_keys(points: ShadingPoints, key: int) -> Keys:
+def _fill(points: ShadingPoints, key: int) -> Keys:
     return np.full(len(points.surface), key, dtype=np.int32)
-
-
-def emitter_source(emitters: Emitters, links: LightLinks | None = None) -> LightSource:
-    """All emissive geometry: a number to choose by, and a pair for the place."""
-    shareable = not emitters.has_spheres
-
-    def sample(points: ShadingPoints) -> KeyedSamples:
-        dimension, shared = points.sampler.dimension, points.sampler.shared
-        if shareable and shared is not None:
-            picked, pair = pick_emitters(emitters, shared.uniform(dimension)), shared.uniform_pair(dimension + 1)
-            places = place_on_triangles(emitters, picked, pair).select(shared.key)
-            light = sample_placed(places, points.surface)
-            picked, pair, key = picked[shared.key], pair[shared.key], shared.key.astype(np.int32)
-            vary_radiance(emitters, picked, pair, points.surface, light)
-        else:
-            picked, pair = pick_emitters(emitters, points.sampler.uniform(0)), points.sampler.uniform_pair(1)
-            light, key = sample_picked(emitters, points.surface, picked, pair), _fill_keys(points, ALONE)
-        if links is not None:
-            lit = links.find_lit(links.receivers[emitters.instance[picked]], points.surface.instance)
-            light.weight[~lit] = 0.0
-        return KeyedSamples(light, key)
-
-    return LightSource(sample, 2, kind=GEOMETRY)
-
-
-def world_sources(environment: Environment) -> list[LightSource]:
-    """The world: directions around the shading normal, and to where it is bright.
-
-    Cycles looks for the light of an even world with paths alone, which go on behind all that is transparent.
-    """
-
-    def sample(way: WorldSampler, points: ShadingPoints) -> KeyedSamples:
-        normal = points.shading.normal
-        direction = way(normal, points.sampler.uniform_pair())
-        density = environment_density(environment, normal, direction)
-        share = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
-        weight = share[:, np.newaxis] * evaluate_environment(environment, direction)
-        light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
-        return KeyedSamples(light, _fill_keys(points, ALONE))
-
-    even = environment.program is None
-    kind = OTHER if even else WORLD
-    return [LightSource(partial(sample, way), 1, unstopped=even, kind=kind) for way in list_world_samplers(environment)]

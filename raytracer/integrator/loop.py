@@ -1,12 +1,13 @@
 """What rays see: the lecture's "Ray Tracing Fundamentals", recursive ray tracing written as a loop.
 
-Find the closest hit, add what shines there, aim at every source of light, go on through mirrors and glass, and, where
-paths are traced, by diffuse reflection; cast the shadow rays. `stages.prepare` composes once, from the scene's content,
-which stages run; `trace` runs them on a batch of rays, wave by wave.
+Find the closest hit, add what the ray met on its way, shade the hit: describe it, add its emission, sample every light,
+sample the BSDF to go on; then cast the shadow rays. `integrator.prepare` composes once, from the scene's content, which
+stages run; `trace` runs them on a batch of rays, wave by wave.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,6 @@ from raytracer.arrays.rows import any_column, sum_columns
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
-from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Hits, Rays
 from raytracer.integrator.bounces import CERTAIN_BOUNCES, classify_rays, find_ended, survival_probability
 from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
@@ -30,20 +30,25 @@ from raytracer.integrator.contributions import (
     finish_alpha,
 )
 from raytracer.integrator.direct_light import sample_lights
-from raytracer.integrator.integrator import CHOICE, FIRST_SOURCE, WAY, Integrator
+from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_sources import ShadingPoints
-from raytracer.integrator.paths import Paths, Record, advance, join_paths, start_paths, start_record
+from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
 from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_split, start_catching
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
 from raytracer.sampling.sampler import Sampler, share_samples
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.shading.materials import make_shading
-from raytracer.surfaces.surface import Surface, make_surface
+from raytracer.surfaces.surface import make_surface
 
 # Paths shaded together; casts take whole waves.
 PART_SIZE = 1 << 15
 # Most shadow rays that are kept to be cast together; bounds the memory that many lights take.
 SHADOW_BATCH = 1 << 20
+
+# What a ray meets on its way to its hit, in this order: stages that add to the passes and change no path. A medium's
+# place is here.
+Stage = Callable[[Integrator, PathPasses, Paths, Hits], None]
+ALONG_RAYS: tuple[Stage, ...] = (add_background, add_visible_lights)
 
 
 def trace(integrator: Integrator, rays: Rays, samples: SobolSamples) -> dict[str, Floats]:
@@ -55,108 +60,121 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples) -> dict[str
     rays : n camera rays, of any length of direction; t is the depth
     samples : n SobolSamples
     """
-    record = start_record(integrator.settings, rays)
-    start_catching(integrator, record, rays)
-    follow(integrator, record, start_paths(rays), Sampler(samples, share_samples(samples), 0))
-    finish_alpha(integrator, record)
-    finish_caught(record)
-    if record.unshadowed is not None:
-        record.passes["Shadow"] = divide_shadow(record.passes["Shadow"], record.unshadowed)
-    return record.passes
+    passes = start_passes(integrator.settings, rays)
+    start_catching(integrator, passes, rays)
+    follow(integrator, passes, start_paths(rays), Sampler(samples, share_samples(samples), 0))
+    finish_alpha(integrator, passes)
+    finish_caught(passes)
+    if passes.unshadowed is not None:
+        passes.values["Shadow"] = divide_shadow(passes.values["Shadow"], passes.unshadowed)
+    return passes.values
 
 
-def follow(integrator: Integrator, record: Record, paths: Paths, sampler: Sampler) -> None:
+def follow(integrator: Integrator, passes: PathPasses, paths: Paths, sampler: Sampler) -> None:
     """Follow paths wave by wave until all have ended."""
     while len(paths):
         hits = integrator.cast(paths.rays, classify_rays(paths.kind))
-        add_background(integrator, record, paths, hits)
-        add_visible_lights(integrator, record, paths, hits)
+        for stage in ALONG_RAYS:
+            stage(integrator, passes, paths, hits)
         met = np.flatnonzero(hits.hit)
-        paths, hits = cut_holes(integrator, record, paths.select(met), hits.select(met))
-        follow_split(integrator, record, paths, hits, sampler)
-        paths, sampler = shade_wave(integrator, record, paths, hits, sampler)
+        paths, hits = cut_holes(integrator, passes, paths.select(met), hits.select(met))
+        follow_split(integrator, passes, paths, hits, sampler)
+        paths, sampler = shade_wave(integrator, passes, paths, hits, sampler)
 
 
-def follow_split(integrator: Integrator, record: Record, paths: Paths, hits: Hits, sampler: Sampler) -> None:
+def follow_split(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, sampler: Sampler) -> None:
     """Paths that meet their first shadow catcher also go on, to their end, where there is nothing but catchers."""
-    split = find_split(integrator, record, paths, hits)
-    if record.caught is None or integrator.alone is None or not len(split):
+    split = find_split(integrator, passes, paths, hits)
+    if passes.caught is None or integrator.catchers_only is None or not len(split):
         return
     paths, hits = paths.select(split), hits.select(split)
-    note_split(integrator, record, paths)
-    alone, seen = integrator.alone, record.caught.alone
-    follow(alone, seen, *shade_wave(alone, seen, paths, hits, sampler))
+    note_split(integrator, passes, paths)
+    catchers_only, seen = integrator.catchers_only, passes.caught.catchers_only
+    follow(catchers_only, seen, *shade_wave(catchers_only, seen, paths, hits, sampler))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Shaded:
     """What a part of a wave leaves to do: shadow rays to cast, and paths that go on."""
 
-    aimed: list[ShadowRays]
+    shadow_rays: list[ShadowRays]
     paths: Paths
 
 
 def shade_wave(
-    integrator: Integrator, record: Record, paths: Paths, hits: Hits, sampler: Sampler
+    integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, sampler: Sampler
 ) -> tuple[Paths, Sampler]:
     """Shade all hits, in parts that stay in the cache, cast their shadow rays together; return the paths that go on,
     and the sampler of their wave."""
-    if record.limit is not None:
-        record.limit[paths.row] = find_limits(integrator.settings, paths.bounces, aimed=True)
+    if passes.limit is not None:
+        passes.limit[paths.row] = find_limits(integrator.settings, paths.bounces, aimed=True)
     going_on, waiting = [], []
     for start in range(0, len(paths), PART_SIZE):
         part = slice(start, start + PART_SIZE)
-        shaded = shade(integrator, record, paths.select(part), hits.select(part), sampler)
+        shaded = shade(integrator, passes, paths.select(part), hits.select(part), sampler)
         going_on.append(shaded.paths)
-        waiting += shaded.aimed
+        waiting += shaded.shadow_rays
         if sum(len(rays.row) for rays in waiting) >= SHADOW_BATCH:
-            add_direct_light(integrator, record, waiting, first=sampler.dimension == 0)
+            add_direct_light(integrator, passes, waiting, first=sampler.dimension == 0)
             waiting = []
     if waiting:
-        add_direct_light(integrator, record, waiting, first=sampler.dimension == 0)
+        add_direct_light(integrator, passes, waiting, first=sampler.dimension == 0)
     # Only what the camera sees straight shares points of lights.
-    return join_paths(going_on), replace(sampler, shared=None, dimension=sampler.dimension + integrator.dimensions)
+    return join_paths(going_on), replace(
+        sampler, shared=None, dimension=sampler.dimension + integrator.dimensions.count
+    )
 
 
-def shade(integrator: Integrator, record: Record, paths: Paths, hits: Hits, sampler: Sampler) -> Shaded:
-    """See what is where rays hit: describe it, add what shines there, aim at the lights, and go on."""
+def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, sampler: Sampler) -> Shaded:
+    """Shade hits: the bounce, from the surface that is met to the ray that leaves it."""
+    dimensions = integrator.dimensions
+
+    # Surface: where is it, and which closures are there?
     surface = make_surface(integrator.tables, paths.rays, hits)
     shading = make_shading(integrator.materials, surface, describe_path(integrator, paths, hits, surface, sampler))
-    describe_surface(integrator, record, paths, hits, surface, shading)
-    add_emission(integrator, record, paths, surface, shading)
-    shading = blur_lobes(shading, paths.rarest, integrator.settings.filter_glossy)
+    wave = Wave(paths, hits, surface, shading)
+    describe_surface(integrator, passes, wave)
+
+    # Emission: what of it does light sampling leave to this ray?
+    add_emission(integrator, passes, wave)
+    wave = replace(wave, shading=blur_lobes(shading, paths.rarest, integrator.settings.filter_glossy))
     if not integrator.needs_light:
-        return Shaded([], pass_straight(integrator, record, paths, hits, surface, shading))
+        return Shaded([], pass_straight(integrator, passes, wave))
+
+    # Light sampling: what does each source send, if nothing is in the way?
     sampler = sampler.select(paths.row)
     ended = find_ended(paths.bounces, integrator.settings) | find_closed(integrator, paths)
-    probabilities = weigh_lobes(integrator, paths, shading, ended)
-    aimed = sample_lights(
-        integrator.sources,
-        ShadingPoints(surface, shading, paths.passages, sampler.skip(FIRST_SOURCE)),
-        probabilities,
-        np.where(ended[:, np.newaxis], 0.0, paths.throughput),
-        paths.row,
-    )
+    probabilities = weigh_lobes(integrator, wave, ended)
+    points = ShadingPoints(surface, wave.shading, paths.passages, sampler)
+    throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
+    shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row)
+
+    # BSDF sampling: where does the path go on?
     if not integrator.goes_on:
-        return Shaded(aimed, paths.select(slice(0, 0)))
-    way = sample_bsdf(shading, probabilities, sampler.uniform(CHOICE), sampler.uniform_pair(WAY))
-    way = cut_short(integrator, paths, way, sampler.skip(integrator.dimensions - 1))
-    return Shaded(aimed, advance(paths, hits, surface, shading, way))
+        return Shaded(shadow_rays, paths.select(slice(0, 0)))
+    choice, pair = sampler.uniform(dimensions.lobe), sampler.uniform_pair(dimensions.direction)
+    sample = sample_bsdf(wave.shading, probabilities, choice, pair)
+
+    # Stopping: is it worth going on?
+    end_in_the_dark(integrator, paths, sample)
+    play_roulette(integrator, paths, sample, sampler)
+    return Shaded(shadow_rays, advance(wave, sample))
 
 
 def find_closed(integrator: Integrator, paths: Paths) -> Booleans:
-    """Return (n,) True for paths that have gone straight as often as they may: they see what shines, and end."""
+    """Return (n,) True for paths that have gone straight as often as they may: they see emission, and end."""
     return paths.passages >= max(integrator.settings.transparent_bounces, 1)
 
 
-def weigh_lobes(integrator: Integrator, paths: Paths, shading: Shading, ended: Booleans) -> Floats:
-    """Return the probabilities of the ways to go on.
+def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
+    """Return the probabilities of the lobes that paths may go on by.
 
-    A path that has used up its bounces still sees what shines where it ends: light sampling has counted on that. Where
+    A path that has used up its bounces still sees emission where it ends: light sampling has counted on that. Where
     diffuse reflection is the only bounce, and would be the last, light sampling is left all of it; not so where
-    geometry shines, for close by, in corners, no other way of sampling keeps the noise finite, nor where light comes
-    through from behind, where nobody looks for the world.
+    geometry is emissive, for close by, in corners, no other way of sampling keeps the noise finite, nor where light
+    comes through from behind, where nobody looks for the world.
     """
+    paths, shading = wave.paths, wave.shading
     probabilities = lobe_probabilities(shading, integrator.interreflects)
     if ended.any():
         open_ = ended & ~find_closed(integrator, paths)
@@ -175,41 +193,43 @@ def weigh_lobes(integrator: Integrator, paths: Paths, shading: Shading, ended: B
     return probabilities
 
 
-def cut_short(integrator: Integrator, paths: Paths, way: BsdfSample, sampler: Sampler) -> BsdfSample:
-    """End paths that could see nothing but what shines, where nothing does, and some of those that carry little light
-    (Russian roulette), for which the others count more."""
-    counts = count_bounces(paths.bounces, way.kind)
-    if not integrator.shines:
-        way.weight[find_ended(counts, integrator.settings)] = 0.0
-    if not integrator.interreflects:
-        return way
-    rows = np.flatnonzero(way.alive & (sum_columns(counts) > CERTAIN_BOUNCES))
-    probability = survival_probability(paths.throughput[rows] * way.weight[rows])
-    survives = sampler.select(rows).uniform() < probability
-    way.weight[rows] = np.where(survives, 1.0 / probability, 0.0)[:, np.newaxis] * way.weight[rows]
-    return way
+def end_in_the_dark(integrator: Integrator, paths: Paths, sample: BsdfSample) -> None:
+    """End paths that could see nothing but emission, where there is none ahead."""
+    if not integrator.emission_ahead:
+        counts = count_bounces(paths.bounces, sample.kind)
+        sample.weight[find_ended(counts, integrator.settings)] = 0.0
 
 
-def add_direct_light(integrator: Integrator, record: Record, aimed: list[ShadowRays], first: bool) -> None:
+def play_roulette(integrator: Integrator, paths: Paths, sample: BsdfSample, sampler: Sampler) -> None:
+    """End some of the paths that carry little light (Russian roulette), for which the others count more."""
+    if integrator.dimensions.roulette is None:
+        return
+    bounces = sum_columns(count_bounces(paths.bounces, sample.kind))
+    rows = np.flatnonzero(sample.alive & (bounces > CERTAIN_BOUNCES))
+    probability = survival_probability(paths.throughput[rows] * sample.weight[rows])
+    survives = sampler.select(rows).uniform(integrator.dimensions.roulette) < probability
+    sample.weight[rows] = np.where(survives, 1.0 / probability, 0.0)[:, np.newaxis] * sample.weight[rows]
+
+
+def add_direct_light(integrator: Integrator, passes: PathPasses, shadow_rays: list[ShadowRays], first: bool) -> None:
     """Cast shadow rays and add the light that they let through, of the camera's own rays (`first`) also to Shadow."""
-    for rays, share in zip(aimed, cast_shadows(integrator.visibility, aimed), strict=True):
+    for rays, share in zip(shadow_rays, cast_shadows(integrator.visibility, shadow_rays), strict=True):
         arriving = rays.light * share
-        if record.limit is not None:
-            arriving = clamp(arriving, rays.chance * record.limit[rays.row])
-        record.add("Combined", rays.row, arriving)
-        if first and record.unshadowed is not None:
-            record.add("Shadow", rays.row, arriving)
-            record.unshadowed[rays.row] += rays.light
+        if passes.limit is not None:
+            arriving = clamp(arriving, rays.chance * passes.limit[rays.row])
+        passes.add("Combined", rays.row, arriving)
+        if first and passes.unshadowed is not None:
+            passes.add("Shadow", rays.row, arriving)
+            passes.unshadowed[rays.row] += rays.light
 
 
-def pass_straight(
-    integrator: Integrator, record: Record, paths: Paths, hits: Hits, surface: Surface, shading: Shading
-) -> Paths:
+def pass_straight(integrator: Integrator, passes: PathPasses, wave: Wave) -> Paths:
     """Without light, only rays that have not found their opaque surface go on, and straight."""
-    way = BsdfSample(
-        direction=-shading.outgoing,
-        weight=shading.transparency * (~record.settled[paths.row] & ~find_closed(integrator, paths))[:, np.newaxis],
-        density=np.full(len(paths), np.inf),
-        kind=np.full(len(paths), STRAIGHT, dtype=np.uint8),
+    open_ = ~passes.found[wave.paths.row] & ~find_closed(integrator, wave.paths)
+    sample = BsdfSample(
+        direction=-wave.shading.outgoing,
+        weight=wave.shading.transparency * open_[:, np.newaxis],
+        density=np.full(len(wave), np.inf),
+        kind=np.full(len(wave), STRAIGHT, dtype=np.uint8),
     )
-    return advance(paths, hits, surface, shading, way)
+    return advance(wave, sample)

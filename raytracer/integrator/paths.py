@@ -1,4 +1,4 @@
-"""Paths of rays on their way through the scene, and the record of what they have seen."""
+"""Paths of rays on their way through the scene, and the passes that they fill."""
 
 from __future__ import annotations
 
@@ -78,6 +78,19 @@ class Paths:
         )
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Wave:
+    """k paths where they have hit: all that a stage of the loop needs to know of them, row by row."""
+
+    paths: Paths
+    hits: Hits
+    surface: Surface
+    shading: Shading
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+
 def join_paths(parts: Sequence[Paths]) -> Paths:
     """Return the paths of several records as one, in order."""
     if len(parts) == 1:
@@ -110,11 +123,12 @@ def start_paths(rays: Rays) -> Paths:
 
 
 @dataclass(eq=False)
-class Record:
+class PathPasses:
     """What n rays have seen so far, pass by pass.
 
     depth_unit : (n,) float64, metres along the ray for a metre of depth
-    settled : (n,) bool, True where the surface that Depth, Normal and so on describe is found
+    values : by pass, (n, channels) float64
+    found : (n,) bool, True where the first surface is known, which Depth, Normal and so on describe
     background : (n,) float64, share of the ray that reached a background which is not part of the picture
     unshadowed : (n, 3) float64, direct light if nothing were in the way, or None where the Shadow pass is not asked for
     limit : (n,) float64, the largest sum of channels that light aimed at by the ray's path may add; None without limits
@@ -123,9 +137,9 @@ class Record:
         part of the picture, or there are none
     """
 
-    passes: dict[str, Floats]
+    values: dict[str, Floats]
     depth_unit: Floats
-    settled: Booleans
+    found: Booleans
     background: Floats
     unshadowed: Floats | None
     limit: Floats | None
@@ -134,14 +148,14 @@ class Record:
 
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
         """Add (k, 3) to a pass, if it is asked for; each ray at most once a call."""
-        if name in self.passes:
-            target = self.passes[name][:, :3]
+        if name in self.values:
+            target = self.values[name][:, :3]
             target[row] += values
 
     def set(self, name: str, row: NDArray[np.int64], values: Any) -> None:
         """Overwrite a pass, if it is asked for."""
-        if name in self.passes:
-            self.passes[name][row] = np.reshape(values, (len(row), PASSES[name].channels))
+        if name in self.values:
+            self.values[name][row] = np.reshape(values, (len(row), PASSES[name].channels))
 
 
 @dataclass(eq=False)
@@ -150,42 +164,44 @@ class Caught:
 
     met : (n,) bool, True where the ray's path met one
     matte : (n, 4) float64, what it had seen till then, premultiplied; alpha is what hides the catcher
-    alone : what the path sees from there where there is nothing but catchers
+    catchers_only : what the path sees from there where there is nothing but catchers
     """
 
     met: Booleans
     matte: Floats
-    alone: Record
+    catchers_only: PathPasses
 
 
-def start_record(settings: Settings, rays: Rays) -> Record:
+def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     """Return the record of camera rays that have seen nothing."""
     count = len(rays)
-    passes = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in settings.passes}
-    unshadowed = np.zeros((count, 3)) if "Shadow" in passes else None
+    values = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in settings.passes}
+    unshadowed = np.zeros((count, 3)) if "Shadow" in values else None
     limit = np.full(count, np.inf) if is_clamped(settings) else None
-    return Record(passes, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count), unshadowed, limit)
+    return PathPasses(
+        values, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count), unshadowed, limit
+    )
 
 
-def advance(paths: Paths, hits: Hits, surface: Surface, shading: Shading, way: BsdfSample) -> Paths:
-    """Return the paths that go on, at the start of their next stretch."""
-    alive = np.flatnonzero(way.alive)
-    old, direction = paths.select(alive), take_rows(way.direction, alive)
-    kind, passes = way.kind[alive], way.passes[alive]
-    surface, count = surface.select(alive), len(alive)
-    stretch = hits.distance[alive] * length(old.rays.directions)
-    scattered = ~passes[:, np.newaxis]
+def advance(wave: Wave, sample: BsdfSample) -> Paths:
+    """Return the paths of a wave that go on, at the start of their next stretch."""
+    alive = np.flatnonzero(sample.alive)
+    old, direction = wave.paths.select(alive), take_rows(sample.direction, alive)
+    kind, straight = sample.kind[alive], sample.goes_straight[alive]
+    surface, count = wave.surface.select(alive), len(alive)
+    stretch = wave.hits.distance[alive] * length(old.rays.directions)
+    scattered = ~straight[:, np.newaxis]
     return replace(
         old,
         rays=Rays(spawn_origin(surface, direction), direction, np.zeros(count), np.full(count, np.inf)),
-        throughput=old.throughput * take_rows(way.weight, alive),
-        kind=np.where(passes, old.kind, kind),
+        throughput=old.throughput * take_rows(sample.weight, alive),
+        kind=np.where(straight, old.kind, kind),
         bounces=count_bounces(old.bounces, kind),
-        passages=old.passages + passes,
+        passages=old.passages + straight,
         scatter_origin=np.where(scattered, surface.position, old.scatter_origin),
-        scatter_normal=np.where(scattered, take_rows(shading.normal, alive), old.scatter_normal),
-        density=np.where(passes, old.density, way.density[alive]),
-        rarest=np.minimum(old.rarest, way.density[alive]),
-        scatterer=np.where(passes, old.scatterer, surface.instance),
-        travelled=np.where(passes, old.travelled + stretch, 0.0),
+        scatter_normal=np.where(scattered, take_rows(wave.shading.normal, alive), old.scatter_normal),
+        density=np.where(straight, old.density, sample.density[alive]),
+        rarest=np.minimum(old.rarest, sample.density[alive]),
+        scatterer=np.where(straight, old.scatterer, surface.instance),
+        travelled=np.where(straight, old.travelled + stretch, 0.0),
     )

@@ -20,49 +20,51 @@ from raytracer.casting.rays import Hits, Rays
 from raytracer.film.passes import CAUGHT
 from raytracer.integrator.contributions import see_background
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.paths import Caught, Paths, Record, start_record
+from raytracer.integrator.paths import Caught, PathPasses, Paths, start_passes
 
 
-def start_catching(integrator: Integrator, record: Record, rays: Rays) -> None:
-    """Prepare a record for what shadow catchers show, where there are some."""
-    if integrator.alone is None:
+def start_catching(integrator: Integrator, passes: PathPasses, rays: Rays) -> None:
+    """Prepare for what shadow catchers show, where there are some."""
+    if integrator.catchers_only is None:
         return
-    alone = start_record(integrator.alone.settings, rays)
-    record.caught = Caught(np.zeros(len(rays), dtype=np.bool_), np.zeros((len(rays), 4)), alone)
+    catchers_only = start_passes(integrator.catchers_only.settings, rays)
+    passes.caught = Caught(np.zeros(len(rays), dtype=np.bool_), np.zeros((len(rays), 4)), catchers_only)
     if not integrator.settings.transparent:
         # As in Cycles, what either half sees of the background is behind the shadows.
-        record.backdrop = alone.backdrop = np.zeros((len(rays), 3))
+        passes.backdrop = catchers_only.backdrop = np.zeros((len(rays), 3))
 
 
-def find_split(integrator: Integrator, record: Record, paths: Paths, hits: Hits) -> NDArray[np.intp]:
+def find_split(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> NDArray[np.intp]:
     """Return the rows of paths that come straight from the camera and here meet their first catcher."""
-    if record.caught is None or integrator.is_catcher is None:
+    if passes.caught is None or integrator.is_catcher is None:
         return np.zeros(0, np.intp)
-    return np.flatnonzero(paths.direct & integrator.is_catcher[hits.instance] & ~record.caught.met[paths.row])
+    return np.flatnonzero(paths.direct & integrator.is_catcher[hits.instance] & ~passes.caught.met[paths.row])
 
 
-def note_split(integrator: Integrator, record: Record, paths: Paths) -> None:
+def note_split(integrator: Integrator, passes: PathPasses, paths: Paths) -> None:
     """Write down what paths that meet a catcher have seen till here, and the background that they would see instead."""
-    assert record.caught is not None
+    assert passes.caught is not None
     row = paths.row
-    record.caught.met[row] = True
-    record.caught.matte[row, :3] = record.passes["Combined"][row, :3]
-    record.caught.matte[row, 3] = 1.0 - record.background[row] - mean_column(paths.throughput)
-    if record.backdrop is not None and integrator.background is not None:
-        record.backdrop[row] += see_background(integrator, integrator.background, paths)
+    passes.caught.met[row] = True
+    passes.caught.matte[row, :3] = passes.values["Combined"][row, :3]
+    passes.caught.matte[row, 3] = 1.0 - passes.background[row] - mean_column(paths.throughput)
+    if passes.backdrop is not None and integrator.background is not None:
+        passes.backdrop[row] += see_background(integrator, integrator.background, paths)
 
 
-def finish_caught(record: Record) -> None:
+def finish_caught(passes: PathPasses) -> None:
     """Divide what was seen among Combined and what `film.show_shadows` needs besides."""
-    if record.caught is None:
+    if passes.caught is None:
         return
-    caught, combined = record.caught, record.passes["Combined"]
+    caught, combined = passes.caught, passes.values["Combined"]
     matte = np.where(caught.met[:, np.newaxis], caught.matte, combined)
     # As in Cycles, what either half finds transparent takes from the shadow.
-    opacity = combined[:, 3:] - caught.alone.background[:, np.newaxis]
+    opacity = combined[:, 3:] - caught.catchers_only.background[:, np.newaxis]
     backdrop = np.zeros((len(combined), 4))
-    if record.backdrop is not None:
-        backdrop[:, :3], backdrop[:, 3] = record.backdrop, 1.0
+    if passes.backdrop is not None:
+        backdrop[:, :3], backdrop[:, 3] = passes.backdrop, 1.0
     lit = combined[:, :3] - matte[:, :3]
-    record.passes[CAUGHT] = np.concatenate([lit, caught.alone.passes["Combined"][:, :3], opacity, backdrop], axis=1)
-    record.passes["Combined"] = matte
+    passes.values[CAUGHT] = np.concatenate(
+        [lit, caught.catchers_only.values["Combined"][:, :3], opacity, backdrop], axis=1
+    )
+    passes.values["Combined"] = matte

@@ -25,9 +25,6 @@ from raytracer.surfaces.surface_tables import SurfaceTables
 Visibility = Callable[[Rays, Counts, Booleans], Floats]
 
 
-# Shadow rays ---------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class ShadowRays:
     """k shadow rays of one source.
@@ -49,17 +46,17 @@ class ShadowRays:
     chance: float = 1.0
 
 
-def cast_shadows(visibility: Visibility, aimed: Sequence[ShadowRays]) -> list[Floats]:
-    """Return what share of its light each record's rays let through, (k, 1) or (k, 3); 1 where there are no shadows.
+def cast_shadows(visibility: Visibility, shadow_rays: Sequence[ShadowRays]) -> list[Floats]:
+    """Return what share of its light each source's rays let through, (k, 1) or (k, 3); 1 where there are no shadows.
 
-    Rays of one key of one record are cast in a call of their own, all others together.
+    Rays of one key of one source are cast in a call of their own, all others together.
     """
-    casting = [record for record in aimed if record.rays is not None and len(record.row)]
-    rays = join_rays([record.rays for record in casting if record.rays is not None])
+    casting = [of_source for of_source in shadow_rays if of_source.rays is not None and len(of_source.row)]
+    rays = join_rays([of_source.rays for of_source in casting if of_source.rays is not None])
     key = np.concatenate([np.zeros(0, np.int32), *_number_keys(casting)])
-    passages = np.concatenate([np.zeros(0, np.int32), *(record.passages for record in casting)])
+    passages = np.concatenate([np.zeros(0, np.int32), *(of_source.passages for of_source in casting)])
     unstopped = np.concatenate(
-        [np.zeros(0, np.bool_), *(np.full(len(record.row), record.unstopped) for record in casting)]
+        [np.zeros(0, np.bool_), *(np.full(len(of_source.row), of_source.unstopped) for of_source in casting)]
     )
     seen = None
     for rows in _split_by_key(key):
@@ -67,19 +64,19 @@ def cast_shadows(visibility: Visibility, aimed: Sequence[ShadowRays]) -> list[Fl
         seen = np.empty((len(rays), part.shape[1])) if seen is None else seen
         seen[rows] = part
     shares, start = [], 0
-    for record in aimed:
-        stop = start + (len(record.row) if record.rays is not None else 0)
-        shares.append(np.ones((len(record.row), 1)) if seen is None or record.rays is None else seen[start:stop])
+    for of_source in shadow_rays:
+        stop = start + (len(of_source.row) if of_source.rays is not None else 0)
+        shares.append(np.ones((len(of_source.row), 1)) if seen is None or of_source.rays is None else seen[start:stop])
         start = stop
     return shares
 
 
-def _number_keys(records: Sequence[ShadowRays]) -> Iterator[Keys]:
-    """Yield each record's keys, no key of one like a key of another."""
+def _number_keys(sources: Sequence[ShadowRays]) -> Iterator[Keys]:
+    """Yield each source's keys, no key of one like a key of another."""
     first = 0
-    for record in records:
-        yield np.where(record.key == ALONE, ALONE, record.key + first).astype(np.int32)
-        first += int(record.key.max()) + 1
+    for of_source in sources:
+        yield np.where(of_source.key == ALONE, ALONE, of_source.key + first).astype(np.int32)
+        first += int(of_source.key.max()) + 1
 
 
 def _split_by_key(key: Keys) -> Iterator[Indices | slice]:

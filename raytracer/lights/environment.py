@@ -70,17 +70,17 @@ class Environment:
     grid: DirectionMap | None = None
 
 
-def make_environment(world: World, camera: Camera | None, frame: tuple[int, int]) -> Environment:
-    """Return the environment of a world; frame : width and height of the full picture, pixels."""
+def make_environment(world: World, camera: Camera | None, resolution: tuple[int, int]) -> Environment:
+    """Return the environment of a world; resolution : of the full picture, pixels."""
     if world.program is None or not isinstance(world.color, Register):
         return Environment(world.color)
     program = world.program
     needed = find_needed(program, [world.color])
-    environment = Environment(world.color, program, needed, _make_tables(program, camera, frame))
+    environment = Environment(world.color, program, needed, _make_tables(program, camera, resolution))
     return replace(environment, grid=_make_map(environment))
 
 
-def _make_tables(program: Program, camera: Camera | None, frame: tuple[int, int]) -> SiteTables:
+def _make_tables(program: Program, camera: Camera | None, resolution: tuple[int, int]) -> SiteTables:
     """Return what programs read on the sphere of directions, the camera at its centre."""
     if camera is not None:
         matrix = camera.world_from_camera.copy()
@@ -88,7 +88,7 @@ def _make_tables(program: Program, camera: Camera | None, frame: tuple[int, int]
         camera = replace(camera, world_from_camera=matrix)
     sphere = Scene(spheres=Spheres(np.zeros((1, 3)), np.ones(1)), camera=camera)
     surface = make_surface_tables(sphere, pack_geometry(sphere), smooth_normals=False, uvs=False)
-    return make_site_tables(sphere, surface, list_attributes(program), frame)
+    return make_site_tables(sphere, surface, list_attributes(program), resolution)
 
 
 # Radiance

@@ -20,6 +20,7 @@ from raytracer.integrator.settings import WORD_LIMIT, Settings, check_integer
 from raytracer.lights.shared_points import choose_interleaving
 from raytracer.processes.workers import Workers
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
+from raytracer.sampling.dimensions import FILTER_DIMENSION, LENS_DIMENSION
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
@@ -32,20 +33,12 @@ BLOCK_SECONDS = 1.0
 SMALLEST_BLOCK = 1 << 17
 
 
-# Dimension of the pixel filter's samples; the integrator counts its own from 0 upwards.
-FILTER_DIMENSION = WORD_LIMIT - 1
-
-
-# Dimension of the points on the lens.
-LENS_DIMENSION = WORD_LIMIT - 2
-
-
 def _never() -> bool:
     return False
 
 
 @dataclass(frozen=True)
-class View:
+class FrameWindow:
     """The camera and the part of its picture that is rendered, pixels counted from the lower left corner.
 
     full_width, full_height : size of the full picture
@@ -87,8 +80,8 @@ class BlockResult:
     seconds: float
 
 
-def make_view(scene: Scene, width: int, height: int, settings: Settings) -> View:
-    """Return the View of `scene`, or raise ValueError if there is no camera or the border does not fit."""
+def make_window(scene: Scene, width: int, height: int, settings: Settings) -> FrameWindow:
+    """Return the FrameWindow of `scene`, or raise ValueError if there is no camera or the border does not fit."""
     width = check_integer(width, 1, None, "render: width")
     height = check_integer(height, 1, None, "render: height")
     if width * height > WORD_LIMIT:
@@ -102,7 +95,7 @@ def make_view(scene: Scene, width: int, height: int, settings: Settings) -> View
             f"got {settings.border}"
         )
     interleaving = choose_interleaving(width * height, settings.samples, scene)
-    return View(scene.camera, width, height, x_min, y_min, x_max - x_min, y_max - y_min, interleaving)
+    return FrameWindow(scene.camera, width, height, x_min, y_min, x_max - x_min, y_max - y_min, interleaving)
 
 
 def count_passes(settings: Settings) -> int:
@@ -149,7 +142,7 @@ class BlockPlan:
 
 def trace_blocks(
     pool: Workers | None,
-    tracer_arguments: tuple[Scene, Caster, View, Settings],
+    tracer_arguments: tuple[Scene, Caster, FrameWindow, Settings],
     blocks: Iterable[Block],
     is_cancelled: Callable[[], bool],
 ) -> Iterator[BlockResult]:
@@ -171,11 +164,16 @@ class BlockTracer:
     """Traces blocks; each worker makes one."""
 
     def __init__(
-        self, scene: Scene, caster: Caster, view: View, settings: Settings, is_cancelled: Callable[[], bool] = _never
+        self,
+        scene: Scene,
+        caster: Caster,
+        view: FrameWindow,
+        settings: Settings,
+        is_cancelled: Callable[[], bool] = _never,
     ) -> None:
         self._view = view
         self._settings = settings
-        self._frame = (view.full_width, view.full_height)
+        self._resolution = (view.full_width, view.full_height)
         self._caster = WatchedCaster(caster, is_cancelled)
         self._integrator = self._prepare(scene, from_centre=False)
         self._centre_integrator = self._prepare(scene, from_centre=True)
@@ -185,7 +183,7 @@ class BlockTracer:
         names = select_passes(self._settings.passes, from_centre)
         settings = replace(self._settings, passes=names) if names else None
         caster = cast(Caster, self._caster)
-        return prepare(scene, caster, settings, self._frame, self._caster.take_part) if settings else None
+        return prepare(scene, caster, settings, self._resolution, self._caster.take_part) if settings else None
 
     def __call__(self, block: Block) -> BlockResult:
         """Trace one block; raises CancelledError if the user did so meanwhile."""
@@ -211,7 +209,7 @@ class BlockTracer:
         return trace(integrator, rays, samples)
 
 
-def locate_pixels(view: View, block: Block, seed: int) -> tuple[SobolSamples, Floats, Floats]:
+def locate_pixels(view: FrameWindow, block: Block, seed: int) -> tuple[SobolSamples, Floats, Floats]:
     """Return a block's samples, one sample of all its pixels after the other, and the pixels' centres (x, y).
 
     Pixels are numbered within the full picture, so that a border changes none of them.

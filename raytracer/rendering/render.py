@@ -18,7 +18,7 @@ from raytracer.integrator.features import derive_features
 from raytracer.integrator.integrator import catches_shadows
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
-from raytracer.rendering.blocks import BlockPlan, BlockResult, _never, count_passes, make_view, trace_blocks
+from raytracer.rendering.blocks import BlockPlan, BlockResult, _never, count_passes, make_window, trace_blocks
 from raytracer.scene.scene import Scene
 
 PassCallback = Callable[[Film, int, int], None]
@@ -63,7 +63,7 @@ def render(
     """
     count = len(workers) if isinstance(workers, Workers) else workers
     chosen = Settings(samples=samples, workers=count, **settings)
-    view = make_view(scene, width, height, chosen)
+    view = make_window(scene, width, height, chosen)
     film = Film(view.width, view.height, chosen.passes, catches=catches_shadows(derive_features(scene), chosen))
     plan = BlockPlan(view.width * view.height, count_passes(chosen), chosen.block_size)
     started = time.perf_counter()

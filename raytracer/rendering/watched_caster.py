@@ -9,7 +9,7 @@ from typing import Any
 from raytracer.arrays.types import Booleans
 from raytracer.casting.caster import Caster
 from raytracer.casting.rays import Hits
-from raytracer.casting.subset_caster import PartCaster
+from raytracer.casting.subset_caster import SubsetCaster
 
 
 class CancelledError(Exception):
@@ -27,7 +27,7 @@ class WatchedCaster:
     """A caster that counts its rays, and raises CancelledError once `is_cancelled()`."""
 
     def __init__(
-        self, caster: Caster | PartCaster, is_cancelled: Callable[[], bool], count: RayCount | None = None
+        self, caster: Caster | SubsetCaster, is_cancelled: Callable[[], bool], count: RayCount | None = None
     ) -> None:
         self._caster = caster
         self._is_cancelled = is_cancelled
@@ -39,8 +39,8 @@ class WatchedCaster:
         return self._count.rays
 
     def take_part(self, present: Booleans) -> WatchedCaster:
-        """Return a PartCaster that is watched and counted together with this one."""
-        return WatchedCaster(PartCaster(self._caster, present), self._is_cancelled, self._count)
+        """Return a SubsetCaster that is watched and counted together with this one."""
+        return WatchedCaster(SubsetCaster(self._caster, present), self._is_cancelled, self._count)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._caster, name)

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats
+from raytracer.sampling.dimensions import SHARED_DIMENSION
 from raytracer.sampling.sobol import SobolSamples
-
-# Dimensions from here on belong to the sets of pixels that share samples.
-SHARED_DIMENSION = 2**31
 
 
 @dataclass(frozen=True, eq=False, slots=True)

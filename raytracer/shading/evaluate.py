@@ -129,8 +129,3 @@ def list_attributes(program: Program) -> set[str]:
 def casts_rays(program: Program | None) -> bool:
     """True where a program casts rays from the points where it is evaluated."""
     return program is not None and any(step.operation == "AMBIENT_OCCLUSION" for step in list_steps(program))
-
-
-def reads_light_path(program: Program | None) -> bool:
-    """True where a program asks how the ray came to the point."""
-    return program is not None and any(step.operation.startswith("LIGHT_PATH") for step in list_steps(program))

@@ -1,6 +1,6 @@
 """Rays that programs cast from the points where they are evaluated: how much of what is around is open.
 
-Only the rays of paths come with a Probe, and only where a program of the scene asks (`stages.prepare`): to lights,
+Only the rays of paths come with a Probe, and only where a program of the scene asks (`integrator.prepare`): to lights,
 shadow rays and the world nothing is in the way, as in Cycles.
 
 References
@@ -28,10 +28,10 @@ from raytracer.surfaces.surface_tables import SurfaceTables
 
 Objects = NDArray[np.int32]
 # True (n,) where rays hit anything; given objects (n,), only what each hits of its own counts.
-Block = Callable[[Rays, Objects | None], Booleans]
+OcclusionTest = Callable[[Rays, Objects | None], Booleans]
 
 
-def make_block(caster: RayCaster, cast: Cast, tables: SurfaceTables) -> Block:
+def make_occlusion_test(caster: RayCaster, cast: Cast, tables: SurfaceTables) -> OcclusionTest:
     """Return the function that tells which rays are blocked; `cast` tells what shadow rays see."""
 
     def block(rays: Rays, objects: Objects | None) -> Booleans:
@@ -62,12 +62,12 @@ class Probe:
     """n points of surfaces, what tells whether their rays are blocked, and their own numbers."""
 
     surface: Surface
-    block: Block
+    test: OcclusionTest
     sampler: Sampler
 
     def select(self, rows: Any) -> Probe:
         """Return some of the points: index or boolean array."""
-        return Probe(self.surface.select(rows), self.block, self.sampler.select(rows))
+        return Probe(self.surface.select(rows), self.test, self.sampler.select(rows))
 
     def find_open(self, normal: Floats, reach: Floats, count: int, own: bool) -> Floats:
         """Return the share (n,) of `count` rays, with density cos / pi around a normal, that nothing blocks.
@@ -85,7 +85,7 @@ class Probe:
             part = replace(numbers, own=replace(numbers.own, sample=sample))
             directions = to_world(sample_cosine_hemisphere(part.uniform_pair()), normal[rows])
             rays = Rays(spawn_origin(surface, directions), directions, np.zeros(len(rows)), reach[rows])
-            blocked += self.block(rays, surface.instance if own else None)
+            blocked += self.test(rays, surface.instance if own else None)
         open_ = np.ones(len(reach))
         open_[rows] -= blocked / count
         return open_

@@ -17,7 +17,7 @@ from raytracer.casting.geometry import transform_points, world_corners
 from raytracer.film.camera import find_on_film
 from raytracer.lecture import cross, dot
 from raytracer.shading.occlusion import Probe
-from raytracer.shading.site_tables import TANGENT, SiteTables, View
+from raytracer.shading.site_tables import TANGENT, CameraView, SiteTables
 from raytracer.surfaces.surface import Surface
 from raytracer.surfaces.surface_tables import gather_corners
 
@@ -202,7 +202,7 @@ class Site:
         return np.stack([x / view.width, y / view.height, np.zeros_like(x)], axis=1)
 
     @property
-    def _view(self) -> View:
+    def _view(self) -> CameraView:
         if self.tables.view is None:
             raise ValueError(
                 "Scene: camera: expected a Camera, for a material reads coordinates in its space, got None"

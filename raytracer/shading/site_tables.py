@@ -21,7 +21,7 @@ TANGENT = "tangent "
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class CameraView:
     """What nodes know of the camera: the record, the size of the full picture in pixels, and the inverse matrix."""
 
     camera: Camera
@@ -45,7 +45,7 @@ class SiteTables:
     widths : by name, (meshes,) int64, numbers per value, 0 = the mesh lacks it
     random : (i + g,) float64; color : (i + g, 4); index : (i + g,) int32; instances, then groups of spheres
     smooth : (meshes,) bool, True for meshes with normals
-    view : View, or None without a camera
+    view : CameraView, or None without a camera
     """
 
     surface: SurfaceTables
@@ -56,7 +56,7 @@ class SiteTables:
     color: Floats
     index: NDArray[np.int32]
     smooth: Booleans
-    view: View | None
+    view: CameraView | None
 
     @property
     def geometry(self) -> Geometry:
@@ -64,9 +64,9 @@ class SiteTables:
 
 
 def make_site_tables(
-    scene: Scene, surface: SurfaceTables, names: set[str], frame: tuple[int, int] | None
+    scene: Scene, surface: SurfaceTables, names: set[str], resolution: tuple[int, int] | None
 ) -> SiteTables:
-    """Pack the attributes `names`, objects and camera of a scene; frame : width and height of the full picture."""
+    """Pack the attributes `names`, objects and camera of a scene; resolution : of the full picture."""
     geometry, instances = surface.geometry, scene.instances
     count, groups = scene.instance_count, len(scene.spheres)
     random, color = np.zeros(count + groups), np.ones((count + groups, 4))
@@ -86,14 +86,14 @@ def make_site_tables(
         color=color,
         index=index,
         smooth=np.array([mesh.normals is not None for mesh in scene.meshes], dtype=np.bool_),
-        view=_make_view(scene.camera, frame),
+        view=_make_view(scene.camera, resolution),
     )
 
 
-def _make_view(camera: Camera | None, frame: tuple[int, int] | None) -> View | None:
-    if camera is None or frame is None:
+def _make_view(camera: Camera | None, resolution: tuple[int, int] | None) -> CameraView | None:
+    if camera is None or resolution is None:
         return None
-    return View(camera, *frame, np.linalg.inv(camera.world_from_camera))
+    return CameraView(camera, *resolution, np.linalg.inv(camera.world_from_camera))
 
 
 def _invert(matrices: Floats) -> Floats:

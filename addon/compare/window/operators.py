@@ -88,7 +88,7 @@ class _Compare:
 
     def _start(self, context: Any) -> None:
         global _running
-        width, height = inspector.find_frame(context.scene)
+        width, height = inspector.find_resolution(context.scene)
         size = self.width, max(4, round(self.width * height / width))
         _running = Running(context.scene, context.view_layer, self.kind, size, self._count_samples())
         state = context.window_manager.reference_raytracer_comparison

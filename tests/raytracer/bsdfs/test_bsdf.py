@@ -228,7 +228,7 @@ def test_sample_continuation_agrees_with_quadrature(name, front, cosine):
     shading = shade(CLOSURES[name], view(cosine, count), front)
     probabilities = lobe_probabilities(shading)
     way = sample_bsdf(shading, probabilities, rng.random(count), rng.random((count, 2)))
-    straight = way.passes
+    straight = way.goes_straight
     directions, weights = sphere_quadrature()
     total, density = integrate_lobes(CLOSURES[name], cosine, front, directions, weights)
     coarse, coarse_density = integrate_lobes(CLOSURES[name], cosine, front, *sphere_quadrature(200, 100))
@@ -250,7 +250,7 @@ def test_sample_continuation_reports_the_density_and_value_it_evaluates(name):
     probabilities = lobe_probabilities(shading)
     way = sample_bsdf(shading, probabilities, rng.random(500), rng.random((500, 2)))
     again = evaluate_scattering(shading, probabilities, way.direction)
-    rough = way.alive & ~way.passes
+    rough = way.alive & ~way.goes_straight
     np.testing.assert_array_equal(way.density[rough], again.density[rough])
     np.testing.assert_allclose(way.weight[rough] * way.density[rough, None], again.specular[rough], rtol=1e-12)
 

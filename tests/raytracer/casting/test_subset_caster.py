@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.casting.subset_caster import PartCaster
+from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
 
 
@@ -24,7 +24,7 @@ def make_scene(placed=True):
 @pytest.mark.parametrize("present", [(0, 1, 0, 1, 1, 0), (1, 0, 0, 0, 0, 1), (0, 0, 0, 0, 0, 1), (1, 1, 1, 1, 1, 1)])
 def test_part_hits_the_nearest_of_what_is_present(placed, present):
     scene = make_scene(placed)
-    part = PartCaster(raytracer.build(scene), np.array(present, dtype=bool))
+    part = SubsetCaster(raytracer.build(scene), np.array(present, dtype=bool))
     heights = np.array([3.0, 1, 2, 0, 0.75, 2.75] if placed else [0.0, 1, 2, 3, 0.75, 2.75])
     origin, down = (0.1 if not any(present[4:]) else 0.0, 0.0, 5.0), (0.0, 0.0, -1.0)
     hits = part.closest_hit(origin, down)

@@ -49,7 +49,7 @@ STAGES = {
 def test_prepare_composes_no_stage_that_the_scene_lacks(monkeypatch):
     forbid(
         monkeypatch,
-        *("make_emitters", "emitter_source", "world_sources", "transparent_visibility", "sample_bsdf"),
+        *("make_emitters", "EmissiveGeometry", "make_world_sources", "transparent_visibility", "sample_bsdf"),
         *("emitter_density", "environment_density", "make_environment", "evaluate_light"),
     )
     values = see(raytracer.Scene(meshes=[FLOOR], materials=[GREY], lights=[LIGHT]))
@@ -65,7 +65,7 @@ def test_prepare_composes_each_stage_for_the_material_that_needs_it(monkeypatch,
 
 
 def test_prepare_for_data_passes_casts_no_light(monkeypatch):
-    forbid(monkeypatch, "make_emitters", "add_direct_light", "world_sources", "light_source", "sample_bsdf")
+    forbid(monkeypatch, "make_emitters", "add_direct_light", "make_world_sources", "make_light_source", "sample_bsdf")
     scene = raytracer.Scene(
         meshes=[FLOOR], materials=[STAGES["make_emitters"]], lights=[LIGHT], world=raytracer.World(1.0)
     )

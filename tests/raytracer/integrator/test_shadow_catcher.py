@@ -200,11 +200,11 @@ def test_interreflection_brightens_a_shadow():
 def test_without_catchers_nothing_is_prepared():
     scene = make_scene([GROUND, ROOF], [False, False])
     integrator = prepare(scene, raytracer.build(scene), Settings())
-    assert integrator.alone is None
+    assert integrator.catchers_only is None
     assert integrator.is_catcher is None
     assert not render(scene, 2, 1, 1).catches
     caught = make_scene([GROUND, ROOF], [True, False])
-    assert prepare(caught, raytracer.build(caught), Settings(passes=("Depth",))).alone is None
+    assert prepare(caught, raytracer.build(caught), Settings(passes=("Depth",))).catchers_only is None
 
 
 def test_where_catchers_are_dark_anyway_nothing_is_shown():

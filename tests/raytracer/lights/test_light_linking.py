@@ -112,7 +112,7 @@ def test_without_links_nothing_is_prepared():
     scene = make_scene([quad(-2, 2)], [LIGHT], light_set=[4])
     integrator = prepare(scene, raytracer.build(scene), Settings())
     assert integrator.links is None
-    assert integrator.sources[0].find_lit is None
+    assert integrator.sources[0].links is None
 
 
 def test_masks_and_sets_out_of_range_are_refused():

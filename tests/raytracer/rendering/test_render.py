@@ -11,7 +11,7 @@ from raytracer.film.passes import PASSES
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import blocks
-from raytracer.rendering.blocks import SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_view
+from raytracer.rendering.blocks import SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_window
 from raytracer.rendering.render import render
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.camera import Camera
@@ -234,7 +234,7 @@ def test_unknown_setting_is_refused():
 
 
 def test_the_last_pixel_of_the_largest_picture_has_its_own_samples():
-    view = make_view(SCENE, 2**16, 2**16, Settings(border=(2**16 - 1, 2**16 - 1, 2**16, 2**16)))
+    view = make_window(SCENE, 2**16, 2**16, Settings(border=(2**16 - 1, 2**16 - 1, 2**16, 2**16)))
     samples, x, y = blocks.locate_pixels(view, blocks.Block(0, 0, 1), 0)
     assert (samples.pixel.tolist(), x.tolist(), y.tolist()) == ([2**32 - 1], [2**16 - 0.5], [2**16 - 0.5])
 

@@ -407,8 +407,7 @@ def test_features_of_computed_parameters_may_be_there():
     assert features(kind="glossy", roughness=value).rough
     assert features(kind="transparent", weight=value).transparency
     assert features(kind="diffuse", color=value).programs
-    assert features(kind="diffuse", color=value).light_path
-    assert not features(kind="diffuse", color=value).mirrors
+    assert not features(kind="diffuse", color=value).specular
 
 
 def test_a_site_tells_materials_apart():

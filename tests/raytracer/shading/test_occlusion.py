@@ -196,7 +196,7 @@ def test_lights_and_the_world_are_open():
 
 
 def test_without_such_programs_no_ray_is_prepared(monkeypatch):
-    forbid(monkeypatch, "make_block", "Probe")
+    forbid(monkeypatch, "make_occlusion_test", "Probe")
     plain = Material([Closure("emission", color=1.0)])
     assert (look_down(make_scene(plain, FLOOR), count=16) == 1.0).all()
     with pytest.raises(AssertionError, match="does not need"):

@@ -8,7 +8,7 @@ import pytest
 from raytracer.film.camera import primary_rays
 from raytracer.scene.camera import Camera
 from raytracer.shading.site import LightPath, measure_footprint
-from raytracer.shading.site_tables import View
+from raytracer.shading.site_tables import CameraView
 
 WIDTH, HEIGHT = 320, 200
 TURNED = np.array([[0.36, 0.48, -0.8, 1.0], [-0.8, 0.6, 0.0, 2.0], [0.48, 0.64, 0.6, 3.0], [0, 0, 0, 1.0]])
@@ -22,7 +22,7 @@ def look(camera, column, row):
 @pytest.mark.parametrize("focal_length", [18.0, 50.0])
 def test_a_pixel_is_as_large_as_the_step_between_neighbouring_rays(focal_length):
     camera = Camera(TURNED, focal_length=focal_length)
-    view = View(camera, WIDTH, HEIGHT, np.linalg.inv(TURNED))
+    view = CameraView(camera, WIDTH, HEIGHT, np.linalg.inv(TURNED))
     rng = np.random.default_rng(1)
     column, row = rng.uniform(0, WIDTH, 50), rng.uniform(0, HEIGHT, 50)
     middle = look(camera, column, row)

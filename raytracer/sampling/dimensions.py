@@ -1,0 +1,61 @@
+"""Who takes which numbered dimension of the sample points: the one table.
+
+A camera ray takes the last two numbers. Its path takes those from 0 on, wave after wave, each wave as many as
+`WaveDimensions` says. Sets of pixels that share samples have the same numbers again, from SHARED_DIMENSION on. A stage
+that a picture lacks leaves its numbers to the next; a source of light that only part of the scene sees keeps them, so
+that the other part is sampled alike.
+
+A new use (time, a distance in a medium) gets its own line here: two uses of one number would be correlated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+
+# Where in its pixel a camera ray goes through the film, and where through the lens.
+FILTER_DIMENSION = 2**32 - 1
+LENS_DIMENSION = 2**32 - 2
+# Dimensions from here on belong to the sets of pixels that share samples.
+SHARED_DIMENSION = 2**31
+
+
+@dataclass(frozen=True)
+class WaveDimensions:
+    """The numbers that the stages of one wave take, counted from the wave's first.
+
+    lobe : which lobe the path goes on by
+    direction : where to, within that lobe
+    sources : of each source of light, the first of its own
+    programs : of rays that shader programs cast, the first; None where no program does
+    roulette : whether the path goes on; None where that is not left to chance
+    count : how many a wave takes in all
+    """
+
+    lobe: int
+    direction: int
+    sources: tuple[int, ...]
+    programs: int | None
+    roulette: int | None
+    count: int
+
+
+def allocate_dimensions(source_counts: Sequence[int], programs: bool, roulette: bool) -> WaveDimensions:
+    """Return the table of a wave.
+
+    source_counts : how many numbers each source of light takes
+    programs : True where shader programs cast rays
+    roulette : True where paths end by chance
+
+    Examples
+    --------
+    >>> allocate_dimensions([2, 1], programs=True, roulette=True)
+    WaveDimensions(lobe=0, direction=1, sources=(2, 4), programs=5, roulette=6, count=7)
+    """
+    lobe, direction = 0, 1
+    *sources, end = accumulate(source_counts, initial=direction + 1)
+    count = end + programs + roulette
+    return WaveDimensions(
+        lobe, direction, tuple(sources), end if programs else None, count - 1 if roulette else None, count
+    )
