@@ -33,31 +33,34 @@ TAMING = {
     "filter_glossy": "blur_glossy",
 }
 PIXEL_FILTERS = (
-    ("BLACKMAN_HARRIS", "Blackman-Harris", "Smooth: each sample counts into the pixel it falls near to"),
-    ("BOX", "Box", "Sharp: the plain mean over a square; a narrow one gives values at pixel centres"),
+    ("BLACKMAN_HARRIS", "Blackman-Harris", "Smooth, Cycles' default"),
+    ("BOX", "Box", "Sharp: plain average over a square; a narrow box gives values at pixel centers"),
 )
 
 
 INTEGRATORS = (
-    ("PATH", "Path", "All light: surfaces light each other, as in Cycles"),
+    ("PATH", "Path", "Full global illumination, as in Cycles"),
     (
         "DIRECT",
         "Direct",
-        "Light straight from its sources, in mirrors and through glass; no light between diffuse surfaces",
+        "Direct light, reflections and refractions; no light bounced between diffuse surfaces",
     ),
 )
 
 
 def _bounce_limit(name: str, counted: str, default: int) -> Any:
     """A limit of a path; the defaults are Cycles'."""
-    return IntProperty(name=name, description=f"Most {counted}", default=default, min=0, soft_max=64, max=1024)
+    return IntProperty(
+        name=name, description=f"Maximum number of {counted}", default=default, min=0, soft_max=64, max=1024
+    )
 
 
 def _light_limit(name: str, which: str, default: float) -> Any:
     """A limit of one sample's light; the defaults are Cycles'."""
     return FloatProperty(
         name=name,
-        description=f"Most that one sample may add of light {which}, which reduces noise; 0 keeps the picture exact",
+        description=f"Limit on the {which} light a single sample may add, to reduce noise; "
+        "0 disables clamping and keeps the image exact",
         default=default,
         min=0.0,
         soft_max=100.0,
@@ -69,21 +72,21 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
 
     samples: IntProperty(  # type: ignore[valid-type]
         name="Samples",
-        description="Light paths per pixel; noise falls with its square root or faster",
+        description="Light paths per pixel; noise falls at least with the square root of their number",
         default=64,
         min=1,
         soft_max=4096,
     )
     viewport_samples: IntProperty(  # type: ignore[valid-type]
         name="Viewport Samples",
-        description="Light paths per pixel in the viewport; it is refined until there are so many",
+        description="Light paths per pixel in the viewport; refinement stops at this number",
         default=32,
         min=1,
         soft_max=1024,
     )
     integrator: EnumProperty(  # type: ignore[valid-type]
         name="Integrator",
-        description="Which light is followed",
+        description="How light is transported through the scene",
         items=INTEGRATORS,
         default="PATH",
     )
@@ -94,21 +97,21 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
         "Transmission", "passages through glass and translucent surfaces", 12
     )
     transparent_bounces: _bounce_limit(  # type: ignore[valid-type]
-        "Transparent", "straight passages through transparent surfaces, which count as no bounces", 8
+        "Transparent", "straight passages through transparent surfaces, which do not count as bounces", 8
     )
-    clamp_direct: _light_limit("Direct Light", "straight from its source", 0.0)  # type: ignore[valid-type]
-    clamp_indirect: _light_limit("Indirect Light", "that has been reflected before", 10.0)  # type: ignore[valid-type]
+    clamp_direct: _light_limit("Direct Light", "direct", 0.0)  # type: ignore[valid-type]
+    clamp_indirect: _light_limit("Indirect Light", "indirect", 10.0)  # type: ignore[valid-type]
     filter_glossy: FloatProperty(  # type: ignore[valid-type]
         name="Filter Glossy",
-        description="Blurs reflections that rough ones see, which reduces noise; 0 keeps the picture exact",
+        description="Blurs glossy reflections seen after a diffuse or rough bounce, to reduce noise; "
+        "0 keeps the image exact",
         default=1.0,
         min=0.0,
         max=10.0,
     )
     workers: IntProperty(  # type: ignore[valid-type]
         name="Workers",
-        description="Processes that trace at the same time; 0 takes one for each processor. "
-        "The image is the same for any number",
+        description="Number of render processes; 0 uses one per CPU core. The image does not depend on it",
         default=0,
         min=0,
         soft_max=64,
@@ -128,13 +131,14 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
     )
     pixel_filter: EnumProperty(  # type: ignore[valid-type]
         name="Filter",
-        description="How samples weigh in their pixel",
+        description="How samples are weighted within a pixel",
         items=PIXEL_FILTERS,
         default="BLACKMAN_HARRIS",
     )
     filter_width: FloatProperty(  # type: ignore[valid-type]
         name="Width",
-        description="Pixels that a sample reaches: radius of Blackman-Harris, side of the box (1 is the plain mean)",
+        description="Filter size: the radius of Blackman-Harris, or the side of the box "
+        "(1 averages over exactly one pixel)",
         subtype="PIXEL",
         default=1.5,
         min=0.01,

@@ -57,7 +57,7 @@ def make_link_sets(parts: Sequence[Linked], warnings: WarningList) -> list[LinkS
     numbers: dict[States, int] = {(None,) * len(links): 0}
     light_set = [number_set(part, links, numbers) for part in parts]
     if len(numbers) > SET_COUNT:
-        warnings.add(f"lights tell more than {SET_COUNT} groups of objects apart, the others are lit as if not linked")
+        warnings.add(f"more than {SET_COUNT} light-linking groups: the remaining objects are lit by every light")
     sets = [(number, states) for states, number in numbers.items() if number < SET_COUNT]
     masks = {
         uid: sum(1 << number for number, states in sets if is_lit(links[k], states[k]))

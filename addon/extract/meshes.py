@@ -92,7 +92,7 @@ def extract_geometry(
     if not len(triangles):
         return None
     if normals is not None and not np.isfinite(normals).all():
-        warnings.add("custom normals are NaN or infinite: their faces' own are used there", name)
+        warnings.add("custom normals are NaN or infinite: face normals are used instead", name)
         normals = replace_broken_normals(normals, positions, triangles)
     if last is not None and is_same(last, name, (positions, triangles, normals, uvs, polygons, slots, kept)):
         return last

@@ -43,7 +43,7 @@ def place_parts(placements: Placements, warnings: WarningList, with_info: bool =
     for row, index in enumerate(placements.part):
         part = placements.parts[index]
         if not finite[row]:
-            warnings.add("its matrix is NaN or infinite: left out", part.object.name)
+            warnings.add("its matrix is NaN or infinite: object left out", part.object.name)
         elif part.mesh is not None:
             meshes.append(row)
         elif part.points is not None:
@@ -78,7 +78,7 @@ def place_points(part: Part, world_from_object: NDArray[np.float64], warnings: W
     axes = world_from_object[:3, :3]
     scale = abs(np.linalg.det(axes)) ** (1 / 3)
     if np.abs(axes.T @ axes - scale**2 * np.eye(3)).max() > UNIFORM_SCALE_TOLERANCE * scale**2:
-        warnings.add("scaled differently along its axes: its points are spheres of equal volume", part.object.name)
+        warnings.add("non-uniform scale: its points are rendered as spheres of equal volume", part.object.name)
     return raytracer.Spheres(
         centres=part.points.centres @ axes.T + world_from_object[:3, 3],
         radii=part.points.radii * scale,

@@ -24,10 +24,10 @@ class RAYTRACER_OT_inspect_pixel(bpy.types.Operator):
     bl_options = {"REGISTER"}  # noqa: RUF012
 
     x: IntProperty(  # type: ignore[valid-type]
-        name="X", description="Column of the pixel in the full picture, pixels from its left side", default=0, min=0
+        name="X", description="Column of the pixel in the full image, counted from the left", default=0, min=0
     )
     y: IntProperty(  # type: ignore[valid-type]
-        name="Y", description="Row of the pixel in the full picture, pixels from its lower side", default=0, min=0
+        name="Y", description="Row of the pixel in the full image, counted from the bottom", default=0, min=0
     )
 
     def execute(self, context: Any) -> set[str]:

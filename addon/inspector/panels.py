@@ -117,7 +117,7 @@ class _RayItselfPanel(_ChildPanel):
         assert ray is not None
         draw_lines(self.layout, describe_ray(ray))  # type: ignore[attr-defined]
         if ray.is_cut:
-            self.layout.label(text="Rays that count little are left out", icon="INFO")  # type: ignore[attr-defined]
+            self.layout.label(text="Rays that contribute little are hidden", icon="INFO")  # type: ignore[attr-defined]
 
 
 def find_chosen(context: Any) -> TracedRay | None:

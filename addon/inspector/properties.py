@@ -19,8 +19,8 @@ def choose_row(state: Any, context: Any) -> None:
 class ReferenceRaytracerRay(bpy.types.PropertyGroup):
     """A row of the list of rays; `name` says what it is and hits."""
 
-    number: IntProperty(name="Number", description="Place of the ray in its tree")  # type: ignore[valid-type]
-    kind: StringProperty(name="Kind", description="What the ray comes from")  # type: ignore[valid-type]
+    number: IntProperty(name="Number", description="Number of the ray within its tree")  # type: ignore[valid-type]
+    kind: StringProperty(name="Kind", description="How the ray was spawned")  # type: ignore[valid-type]
     depth: IntProperty(  # type: ignore[valid-type]
         name="Depth", description="Number of rays between this one and the camera's"
     )
@@ -30,10 +30,10 @@ class ReferenceRaytracerSession(bpy.types.PropertyGroup):
     """What the panels show of this session's inspected rays."""
 
     rays: CollectionProperty(  # type: ignore[valid-type]
-        type=ReferenceRaytracerRay, name="Rays", description="The camera's ray and all that it leads to"
+        type=ReferenceRaytracerRay, name="Rays", description="The camera ray and all rays it spawns"
     )
     ray_index: IntProperty(  # type: ignore[valid-type]
-        name="Ray", description="Row of the ray whose quantities are shown below the list", min=0, update=choose_row
+        name="Ray", description="Row of the ray whose details are shown below the list", min=0, update=choose_row
     )
 
 

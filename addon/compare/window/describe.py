@@ -63,9 +63,9 @@ def describe_verdict(verdict: Verdict) -> Iterator[Line]:
     if not verdict.is_right and verdict.exact_distance is not None:
         yield "Right is", (name_surfaces(verdict.exact_surfaces),)
     if verdict.distance_error is not None and not np.isnan(verdict.t_error):
-        yield "t off by", (f"{verdict.t_error:.1e}, proven {verdict.distance_error:.1e}",)
+        yield "Error of t", (f"{verdict.t_error:.1e} (bound {verdict.distance_error:.1e})",)
     if not np.isnan(verdict.location_error):
-        yield "Point off by", (f"{verdict.location_error:.1e} m",)
+        yield "Error of point", (f"{verdict.location_error:.1e} m",)
 
 
 def name_surfaces(surfaces: Surfaces) -> str:

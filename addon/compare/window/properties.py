@@ -19,7 +19,8 @@ def width_property() -> Any:
     """The width of a comparison's pictures; of the panel and of the operators alike, as the next two."""
     return IntProperty(
         name="Width",
-        description="Width in pixels of both pictures, or camera rays in a row; the height follows the scene's format",
+        description="Width of both images in pixels, or camera rays per row; "
+        "the height follows the scene's aspect ratio",
         default=192,
         min=16,
         soft_max=1920,
@@ -32,7 +33,7 @@ def samples_property() -> Any:
     """The samples of a comparison with Cycles."""
     return IntProperty(
         name="Samples",
-        description="Light paths per pixel for each engine; the fewer, the more of the difference is noise",
+        description="Light paths per pixel for each engine; with few, most of the difference is noise",
         default=64,
         min=1,
         soft_max=1024,
@@ -43,7 +44,7 @@ def rays_property() -> Any:
     """The rays of a comparison with Scene.ray_cast."""
     return IntProperty(
         name="Other Rays",
-        description="Number of rays besides the camera's: so many each at random, towards vertices and towards edges",
+        description="Number of random rays besides the camera's, and of rays aimed at vertices and at edges",
         default=4096,
         min=1,
         soft_max=65536,
@@ -61,10 +62,10 @@ class ReferenceRaytracerComparison(bpy.types.PropertyGroup):
     samples: samples_property()  # type: ignore[valid-type]
     rays: rays_property()  # type: ignore[valid-type]
     is_running: BoolProperty(  # type: ignore[valid-type]
-        name="Running", description="Whether a comparison is being made"
+        name="Running", description="Whether a comparison is running"
     )
     progress: FloatProperty(  # type: ignore[valid-type]
-        name="Progress", description="Share of the comparison that is done", min=0.0, max=1.0, subtype="FACTOR"
+        name="Progress", description="Progress of the comparison", min=0.0, max=1.0, subtype="FACTOR"
     )
     worst: CollectionProperty(  # type: ignore[valid-type]
         type=ReferenceRaytracerWorst, name="Worst", description="The pixels or rays with the largest errors"

@@ -158,7 +158,7 @@ def read_occlusion(builder: Builder, node: Any, groups: Groups, output: str) -> 
     """Ambient Occlusion: a constant distance of 0 stands for the world's own, which is not looked up."""
     distance = find_socket(node.inputs, "Distance")
     if find_link(distance) is None and distance.default_value == 0:
-        builder.place.warn(f"node '{node.name}' (Ambient Occlusion) has no distance of its own, nothing occludes")
+        builder.place.warn(f"node '{node.name}' (Ambient Occlusion) has no distance set: treated as unoccluded")
     return {name: getattr(node, name) for name in ("samples", "inside", "only_local")}
 
 

@@ -221,7 +221,7 @@ def test_an_unknown_node_is_named_and_the_rest_goes_on(tree: Any) -> None:
     [
         (
             lambda tree: add_node(tree, "ShaderNodeAmbientOcclusion", {"Distance": 0.0}).outputs["AO"],
-            "nothing occludes",
+            "treated as unoccluded",
         ),
         (
             lambda tree: add_node(tree, "ShaderNodeAttribute", attribute_type="OBJECT", attribute_name="x").outputs[0],
