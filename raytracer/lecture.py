@@ -32,7 +32,13 @@ def _expect_nan() -> np.errstate:
 
 @_expect_nan()
 def dot(u: ArrayLike, v: ArrayLike) -> Floats:
-    """u . v over the last axis: (..., k), (..., k) -> (...)."""
+    """u . v over the last axis: (..., k), (..., k) -> (...).
+
+    Examples
+    --------
+    >>> float(dot((1, 2, 1), (3, 1, 5)))
+    10.0
+    """
     u, v = _as_floats(u, v)
     total = u[..., 0] * v[..., 0]
     for axis in range(1, max(u.shape[-1], v.shape[-1])):
@@ -42,7 +48,15 @@ def dot(u: ArrayLike, v: ArrayLike) -> Floats:
 
 @_expect_nan()
 def cross(u: ArrayLike, v: ArrayLike) -> Floats:
-    """u x v: (..., 3), (..., 3) -> (..., 3); cross(u, v) is -cross(v, u) bit for bit."""
+    """u x v: (..., 3), (..., 3) -> (..., 3); cross(u, v) is -cross(v, u) bit for bit.
+
+    Examples
+    --------
+    The lecture's, for the distance of a point to a line:
+
+    >>> cross((-2, 3, 0), (3, -3, 3)).tolist()
+    [9.0, 6.0, -3.0]
+    """
     u, v = _as_floats(u, v)
     (ux, uy, uz), (vx, vy, vz) = np.moveaxis(u, -1, 0), np.moveaxis(v, -1, 0)
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=-1)
@@ -50,7 +64,13 @@ def cross(u: ArrayLike, v: ArrayLike) -> Floats:
 
 @_expect_nan()
 def length(v: ArrayLike) -> Floats:
-    """|v| = sqrt(v . v): (..., k) -> (...)."""
+    """|v| = sqrt(v . v): (..., k) -> (...).
+
+    Examples
+    --------
+    >>> float(length((3, 4)))
+    5.0
+    """
     return np.sqrt(dot(v, v))
 
 
@@ -70,6 +90,13 @@ def point_on_line(origin: ArrayLike, direction: ArrayLike, t: ArrayLike) -> Floa
     Returns
     -------
     (..., 3) float64
+
+    Examples
+    --------
+    The lecture's line through (1, -1, 4) in the direction <3, 5, -1>: x = 1 + 3t, y = -1 + 5t, z = 4 - t.
+
+    >>> point_on_line((1, -1, 4), (3, 5, -1), t=2).tolist()
+    [7.0, 9.0, 2.0]
     """
     origin, direction, t = _as_floats(origin, direction, t)
     return origin + t[..., np.newaxis] * direction
@@ -80,6 +107,12 @@ def line_through(p: ArrayLike, q: ArrayLike) -> tuple[Floats, Floats]:
     """Return origin p and direction q - p of the line x = x1 + t (x2 - x1), which is at p for t = 0 and at q for t = 1.
 
     p and q are (..., 3) float64, and so are the results; p = q gives a zero direction, which meets nothing.
+
+    Examples
+    --------
+    >>> origin, direction = line_through((1, 2, 3), (4, 3, 8))
+    >>> direction.tolist()
+    [3.0, 1.0, 5.0]
     """
     p, q = np.broadcast_arrays(*_as_floats(p, q))
     return p.copy(), q - p
@@ -99,6 +132,16 @@ def intersect_plane(origin: ArrayLike, direction: ArrayLike, normal: ArrayLike, 
     -------
     (...) float64, t, also negative; the point is ``point_on_line(origin, direction, t)``. NaN where the line is
     parallel to the plane, even if it lies in it: then no single t is the answer.
+
+    Examples
+    --------
+    The lecture's plane x + 2y + z = 6 and its line from (1, 2, 3) to (4, 3, 8): 8 + 10 t = 6.
+
+    >>> t = intersect_plane((1, 2, 3), (3, 1, 5), normal=(1, 2, 1), offset=6)
+    >>> float(t)
+    -0.2
+    >>> point_on_line((1, 2, 3), (3, 1, 5), t).round(12).tolist()
+    [0.4, 1.8, 2.0]
     """
     origin, direction, normal, offset = _as_floats(origin, direction, normal, offset)
     slope = dot(normal, direction)
@@ -128,6 +171,13 @@ def barycentric(point: ArrayLike, a: ArrayLike, b: ArrayLike, c: ArrayLike) -> F
     -----
     The lecture calls the third weight lambda, later gamma. Here alpha comes from its own area, not from
     1 - beta - gamma, so that it is exactly 0 where the arithmetic is exact, as the other two are.
+
+    Examples
+    --------
+    In the lecture's triangle the weights are the coordinates:
+
+    >>> barycentric((0.5, 0.25, 0.25), a=(1, 0, 0), b=(0, 1, 0), c=(0, 0, 1)).tolist()
+    [0.5, 0.25, 0.25]
     """
     point, a, b, c = _as_floats(point, a, b, c)
     normal = cross(b - a, c - a)
@@ -170,6 +220,12 @@ def classify_barycentric(weights: ArrayLike, tolerance: ArrayLike = 0.0) -> NDAr
     The lecture's "if one component is zero, P is on an edge" holds between the corners only: (0, 2, -1) has a zero but
     lies beyond the edge, on its line, and is OUTSIDE. Its strict inequalities describe the open interior; the ray
     tracer takes triangles as closed sets, so that edges and vertices are hit as well.
+
+    Examples
+    --------
+    >>> regions = classify_barycentric([(0.5, 0.25, 0.25), (0.5, 0.5, 0), (1, 0, 0), (1.5, -0.25, -0.25)])
+    >>> [Region(region).name for region in regions]
+    ['INSIDE', 'EDGE', 'VERTEX', 'OUTSIDE']
     """
     weights, tolerance = _as_floats(weights, tolerance)
     tolerance = tolerance[..., np.newaxis]
@@ -191,7 +247,15 @@ class Quadratic(NamedTuple):
 
 @_expect_nan()
 def circle_quadratic(origin: ArrayLike, direction: ArrayLike, radius: ArrayLike) -> Quadratic:
-    """Put P + t d into x^2 + y^2 - R^2 = 0: (d . d) t^2 + 2 (P . d) t + (P . P - R^2) = 0; see `intersect_circle`."""
+    """Put P + t d into x^2 + y^2 - R^2 = 0: (d . d) t^2 + 2 (P . d) t + (P . P - R^2) = 0; see `intersect_circle`.
+
+    Examples
+    --------
+    The lecture's t^2 - 6 t + 9 = 0, for a direction five times as long:
+
+    >>> [float(value) for value in circle_quadratic((-3, 1), (4, -3), radius=1)]
+    [25.0, -30.0, 9.0]
+    """
     origin, direction, radius = _as_floats(origin, direction, radius)
     return Quadratic(dot(direction, direction), 2 * dot(origin, direction), dot(origin, origin) - radius * radius)
 
@@ -220,6 +284,17 @@ def intersect_circle(origin: ArrayLike, direction: ArrayLike, radius: ArrayLike)
     is taken from the roots' product c / a.
     The lecture's direction (.8, -.6) is not exact in binary: the float64 line cuts the circle by D = 1.1e-15, so that
     its roots are 3 -+ 1.6e-8. The same line along (4, -3) is tangent in float64, too.
+
+    Examples
+    --------
+    The lecture's ray from (-3, 1) and the unit circle, along a direction that float64 holds exactly: tangent.
+
+    >>> intersect_circle((-3, 1), (4, -3), radius=1).tolist()
+    [0.6, 0.6]
+    >>> intersect_circle((-3, 0), (1, 0), radius=1).tolist()
+    [2.0, 4.0]
+    >>> intersect_circle((-3, 2), (1, 0), radius=1).tolist()
+    [nan, nan]
     """
     origin, direction, radius = _as_floats(origin, direction, radius)
     a, b, c = circle_quadratic(origin, direction, radius)
@@ -277,6 +352,12 @@ def intersect_triangle(
     The triangle is a closed set: edges and vertices are hit, where the lecture's strict inequalities (see
     `classify_barycentric`) would let rays through between two triangles. In float64 a ray aimed at an edge may still
     round to a miss of both neighbours; the certified caster does not have that flaw.
+
+    Examples
+    --------
+    >>> hit = intersect_triangle((0, 0, 0), (1, 1, 2), a=(1, 0, 0), b=(0, 1, 0), c=(0, 0, 1))
+    >>> float(hit.t), float(hit.beta), float(hit.gamma)
+    (0.25, 0.25, 0.5)
     """
     origin, direction, a, b, c = _as_floats(origin, direction, a, b, c)
     columns = np.broadcast_arrays(a - b, a - c, direction, a - origin)
@@ -287,7 +368,13 @@ def intersect_triangle(
 
 @_expect_nan()
 def determinant(matrix: ArrayLike) -> Floats:
-    """Return D of (..., 3, 3) as the lecture writes it: three products down the diagonals minus three up (Sarrus)."""
+    """Return D of (..., 3, 3) as the lecture writes it: three products down the diagonals minus three up (Sarrus).
+
+    Examples
+    --------
+    >>> float(determinant([[2, 1, 1], [1, -1, -1], [1, 2, 1]]))
+    3.0
+    """
     (matrix,) = _as_floats(matrix)
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrix, (-2, -1), (0, 1))
     return (a * e * i + b * f * g + c * d * h) - (c * e * g + b * d * i + a * f * h)
@@ -307,6 +394,13 @@ def solve_cramer(matrix: ArrayLike, rhs: ArrayLike) -> Floats:
     Returns
     -------
     (..., 3) float64, NaN where D = 0.
+
+    Examples
+    --------
+    The lecture's 2x + y + z = 3, x - y - z = 0, x + 2y + z = 0:
+
+    >>> solve_cramer([[2, 1, 1], [1, -1, -1], [1, 2, 1]], (3, 0, 0)).tolist()
+    [1.0, -2.0, 3.0]
     """
     matrix, rhs = _as_floats(matrix, rhs)
     columns = np.broadcast_arrays(*np.moveaxis(matrix, -1, 0), rhs)
@@ -338,6 +432,13 @@ def distance_point_line(point: ArrayLike, origin: ArrayLike, direction: ArrayLik
     -----
     The lecture prints h = |u x v| / |v|^2. That contradicts its own derivation, |u x v| = |v| h, and its own example,
     sqrt(14/3), which divides by |v|; the square is a misprint.
+
+    Examples
+    --------
+    The lecture's (1, 4, -2) and the line through (3, 1, -2) and (6, -2, 1): sqrt(14 / 3).
+
+    >>> round(float(distance_point_line((1, 4, -2), *line_through((3, 1, -2), (6, -2, 1)))) ** 2, 12)
+    4.666666666667
     """
     point, origin, direction = _as_floats(point, origin, direction)
     base = length(direction)
@@ -372,6 +473,11 @@ def intersect_sphere(origin: ArrayLike, direction: ArrayLike, centre: ArrayLike,
     ----------
     E. Haines, J. Guenther, T. Akenine-Moeller, "Precision Improvements for Ray/Sphere Intersection",
     Ray Tracing Gems, chapter 7, 2019.
+
+    Examples
+    --------
+    >>> intersect_sphere((-3, 0, 0), (1, 0, 0), centre=(0, 0, 0), radius=1).tolist()
+    [2.0, 4.0]
     """
     origin, direction, centre, radius = _as_floats(origin, direction, centre, radius)
     h = distance_point_line(centre, origin, direction)

@@ -85,6 +85,19 @@ def ray_cast(depsgraph: Any, origins: ArrayLike, directions: ArrayLike, distance
     Notes
     -----
     Meshes are read again only where they changed; nothing of Blender's is kept between calls.
+
+    Examples
+    --------
+    In Blender, with its default cube:
+
+    >>> import bpy
+    >>> from addon import ray_cast
+    >>> depsgraph = bpy.context.evaluated_depsgraph_get()
+    >>> cast = ray_cast(depsgraph, [(0, 0, 5), (9, 9, 5)], (0, 0, -1))
+    >>> cast.result.tolist(), cast.location[0].tolist()
+    ([True, False], [0.0, 0.0, 1.0])
+    >>> cast.objects[cast.object[0]].name
+    'Cube'
     """
     if not isinstance(depsgraph, bpy.types.Depsgraph):
         raise ValueError(f"depsgraph: expected a bpy.types.Depsgraph, got {type(depsgraph).__name__}")

@@ -93,6 +93,17 @@ class Caster:
         Closed sets: a ray through an edge or vertex hits every triangle there; among equal distances the lowest
         (instance, primitive) is returned. A triangle without area, or seen exactly edge-on, is never hit. A hit beyond
         the largest float64 has an infinite distance and error.
+
+        Examples
+        --------
+        >>> import raytracer
+        >>> mesh = raytracer.Mesh(positions=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], triangles=[(0, 1, 2)])
+        >>> caster = raytracer.build(raytracer.Scene(meshes=[mesh]))
+        >>> hits = caster.closest_hit([(0.25, 0.5, 2), (9, 9, 2)], (0, 0, -1))
+        >>> hits.distance.tolist(), hits.primitive.tolist()
+        ([2.0, inf], [0, -1])
+        >>> hits.barycentric[0].tolist(), bool(hits.distance_error[0] < 1e-14)
+        ([0.25, 0.5], True)
         """
         rays = make_rays(origins, directions, t_min, t_max)
         valid = rays.valid()
@@ -106,7 +117,18 @@ class Caster:
     def any_hit(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
     ) -> Booleans:
-        """Return (n,) bool: does anything lie on the ray with t_min <= t <= t_max? Parameters as `closest_hit`."""
+        """Return (n,) bool: does anything lie on the ray with t_min <= t <= t_max? Parameters as `closest_hit`.
+
+        Examples
+        --------
+        >>> import raytracer
+        >>> mesh = raytracer.Mesh(positions=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], triangles=[(0, 1, 2)])
+        >>> caster = raytracer.build(raytracer.Scene(meshes=[mesh]))
+        >>> caster.any_hit((0.25, 0.25, 1), [(0, 0, -1), (0, 0, 1)]).tolist()
+        [True, False]
+        >>> caster.any_hit((0.25, 0.25, 1), (0, 0, -1), t_max=0.5).tolist()
+        [False]
+        """
         rays = make_rays(origins, directions, t_min, t_max)
         found = np.zeros(len(rays), dtype=bool)
         for index, search in self._search(rays, rays.valid(), any_hit=True):
@@ -171,6 +193,16 @@ class Caster:
         ------
         ValueError
             If the caster's precision is not 'certified'.
+
+        Examples
+        --------
+        A tetrahedron, from inside through a corner, and from outside:
+
+        >>> import raytracer
+        >>> corners, faces = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+        >>> caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(corners, faces)]))
+        >>> (caster.crossings([(0.25, 0.25, 0.25), (2, 2, 2)], (-1, -1, -1)) % 2 == 1).tolist()
+        [True, False]
         """
         if self.primitives.precision != "certified":
             raise ValueError(f"crossings: precision: expected 'certified', got {self.primitives.precision!r}")
@@ -196,6 +228,14 @@ def build(scene: Scene, precision: str = "certified", last: Caster | None = None
     ------
     ValueError
         If the precision is unknown.
+
+    Examples
+    --------
+    >>> import raytracer
+    >>> mesh = raytracer.Mesh(positions=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], triangles=[(0, 1, 2)])
+    >>> caster = raytracer.build(raytracer.Scene(meshes=[mesh]))
+    >>> caster.any_hit((0.25, 0.25, 1), (0, 0, -1)).tolist()
+    [True]
     """
     require_choice(precision, PRECISIONS, "build: precision")
     geometry = pack_geometry(scene)

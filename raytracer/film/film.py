@@ -43,6 +43,14 @@ class Film:
     samples : finished passes over the whole film
     cancelled : True where the render was stopped before the last sample
     catches : True where Combined is completed by what shadow catchers show
+
+    Examples
+    --------
+    >>> film = Film(2, 1, ("Combined",))
+    >>> for value in (1.0, 3.0):
+    ...     film.add(slice(0, 2), {"Combined": np.full((2, 4), value)})
+    >>> film["Combined"][0, 0].tolist()
+    [2.0, 2.0, 2.0, 2.0]
     """
 
     width: int

@@ -60,6 +60,19 @@ def render(
         If the scene has no camera or a setting does not fit.
     WorkerError
         If a worker process died.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import raytracer
+    >>> floor = raytracer.Mesh(positions=[(-9, -9, 0), (9, -9, 0), (0, 9, 0)], triangles=[(0, 1, 2)])
+    >>> above = np.array([(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 4), (0, 0, 0, 1)])
+    >>> scene = raytracer.Scene(
+    ...     meshes=[floor], lights=[raytracer.PointLight((0, 0, 3), power=100)], camera=raytracer.Camera(above)
+    ... )
+    >>> film = raytracer.render(scene, 4, 3, samples=2, passes=("Combined", "Depth"))
+    >>> film["Combined"].shape, film["Depth"][0, 0].tolist()
+    ((3, 4, 4), [4.0])
     """
     count = len(workers) if isinstance(workers, Workers) else workers
     chosen = Settings(samples=samples, workers=count, **settings)

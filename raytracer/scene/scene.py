@@ -31,6 +31,15 @@ class Scene:
     lights : light records
     world : World, or None for black
     camera : Camera, or None (a scene without a camera can be cast into, but not rendered)
+
+    Examples
+    --------
+    >>> from raytracer import Camera, Closure, Material, Mesh, PointLight, Scene
+    >>> floor = Mesh(positions=[(-9, -9, 0), (9, -9, 0), (0, 9, 0)], triangles=[(0, 1, 2)])
+    >>> red = Material((Closure("diffuse", color=(0.8, 0.1, 0.1)),))
+    >>> scene = Scene(meshes=[floor], materials=[red], lights=[PointLight((0, 0, 3), power=100)])
+    >>> scene.instance_count
+    1
     """
 
     meshes: Sequence[Mesh] = ()

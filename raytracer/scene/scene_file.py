@@ -34,6 +34,17 @@ def save(scene: Scene, path: str | Path) -> None:
     """Write `scene` as one .npz: a JSON outline plus the arrays it refers to; nothing is pickled.
 
     Arrays that records share in memory are written once.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib, raytracer
+    >>> scene = raytracer.Scene(spheres=raytracer.Spheres([(0, 0, 0)], [1.0]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "scene.npz"
+    ...     raytracer.save(scene, path)
+    ...     again = raytracer.load(path)
+    >>> again.spheres[0].radii.tolist()
+    [1.0]
     """
     arrays: dict[str, NDArray[Any]] = {}
     keys: dict[tuple[int, tuple[int, ...], str], str] = {}
@@ -64,6 +75,17 @@ def load(path: str | Path) -> Scene:
     ------
     ValueError
         If the file is not such a scene, naming the file.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib, raytracer
+    >>> scene = raytracer.Scene(spheres=raytracer.Spheres([(0, 0, 0)], [1.0]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "scene.npz"
+    ...     raytracer.save(scene, path)
+    ...     again = raytracer.load(path)
+    >>> again.spheres[0].radii.tolist()
+    [1.0]
     """
     try:
         with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as file:

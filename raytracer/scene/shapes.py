@@ -24,6 +24,15 @@ class Mesh:
     material : int, or (t,) int32, index into the scene's materials
     attributes : by name, (v, k) per vertex or (t, 3, k) per corner, float64, for the programs of materials; k = 1
         number, 2 as uvs, 3 vector, 4 color with alpha. "generated" holds Blender's Generated coordinates
+
+    Examples
+    --------
+    >>> quad = Mesh(positions=[(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], triangles=[(0, 1, 2), (0, 2, 3)])
+    >>> quad.positions.shape, quad.triangles.dtype.name
+    ((4, 3), 'int32')
+    >>> Mesh(positions=[(0, 0, 0)], triangles=[(0, 0, 7)])
+    Traceback (most recent call last):
+    ValueError: Mesh: triangles: expected vertex indices from 0 to 0, got [0, 0, 7] at row 0
     """
 
     positions: Any

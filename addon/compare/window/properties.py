@@ -65,7 +65,7 @@ class ReferenceRaytracerComparison(bpy.types.PropertyGroup):
         name="Running", description="Whether a comparison is running"
     )
     progress: FloatProperty(  # type: ignore[valid-type]
-        name="Progress", description="Progress of the comparison", min=0.0, max=1.0, subtype="FACTOR"
+        name="Progress", description="Share of the comparison that is finished", min=0.0, max=1.0, subtype="FACTOR"
     )
     worst: CollectionProperty(  # type: ignore[valid-type]
         type=ReferenceRaytracerWorst, name="Worst", description="The pixels or rays with the largest errors"
