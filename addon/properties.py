@@ -59,7 +59,7 @@ def _light_limit(name: str, which: str, default: float) -> Any:
     """A limit of one sample's light; the defaults are Cycles'."""
     return FloatProperty(
         name=name,
-        description=f"Limit on the {which} light a single sample may add, to reduce noise; "
+        description=f"Most {which} light that a single sample may add, to reduce noise; "
         "0 disables clamping and keeps the image exact",
         default=default,
         min=0.0,
@@ -137,7 +137,7 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
     )
     filter_width: FloatProperty(  # type: ignore[valid-type]
         name="Width",
-        description="Filter size: the radius of Blackman-Harris, or the side of the box "
+        description="Size of the filter in pixels: the radius of Blackman-Harris, or the side of the box "
         "(1 averages over exactly one pixel)",
         subtype="PIXEL",
         default=1.5,

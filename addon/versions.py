@@ -39,11 +39,6 @@ def blender_pass_name(name: str, version: tuple[int, ...] = VERSION) -> str:
     return name if version >= (5, 0) else SHORT_PASS_NAMES.get(name, name)
 
 
-def eevee_engine_name(version: tuple[int, ...] = VERSION) -> str:
-    """Return EEVEE's identifier: 4.2 to 4.5 call the new EEVEE 'BLENDER_EEVEE_NEXT'."""
-    return "BLENDER_EEVEE" if version >= (5, 0) else "BLENDER_EEVEE_NEXT"
-
-
 def find_node_tree(owner: Any) -> Any:
     """Return the shader nodes in use by a material, world or light, or None where it has or uses none.
 

@@ -122,7 +122,7 @@ def list_steps(program: Program) -> Iterator[Step]:
 
 
 def list_attributes(program: Program) -> set[str]:
-    """Return the names of the mesh attributes that a program reads; see `sites.make_site_tables`."""
+    """Return the names of the mesh attributes that a program reads; see `site_tables.make_site_tables`."""
     return {name for step in list_steps(program) for name in OPERATIONS[step.operation].attributes(step.settings)}
 
 

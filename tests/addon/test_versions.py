@@ -44,11 +44,6 @@ def test_pass_names_are_those_of_cycles(empty_scene: Any) -> None:
     assert {versions.blender_pass_name(name) for name in SWITCHES.values()} <= names
 
 
-def test_eevee_engine_name_is_one_that_blender_takes(empty_scene: Any) -> None:
-    empty_scene.render.engine = versions.eevee_engine_name()
-    assert empty_scene.render.engine == versions.eevee_engine_name()
-
-
 def test_node_tree_in_use_is_found_without_warning() -> None:
     light = bpy.data.lights.new("Light", "POINT")
     material, world = bpy.data.materials.new("Material"), bpy.data.worlds.new("World")
