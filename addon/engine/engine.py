@@ -1,8 +1,8 @@
 """The render engine: Blender calls `render` once for each view layer of a frame, and `view_draw` for each redraw.
 
 Reading the scene, building, tracing and writing are `extract`, `raytracer.build`, `raytracer.render` and `output`;
-`animation` keeps what an animation can use again, `viewport` draws regions in Rendered shading. This module orders them,
-tells Blender how far they are, and turns every error into one sentence.
+`animation` keeps what the next frame can use again, `viewport` draws regions in Rendered shading. This module orders
+them, tells Blender how far they are, and turns every error into one sentence.
 """
 
 from __future__ import annotations

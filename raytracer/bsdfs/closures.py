@@ -1,7 +1,7 @@
 """What closures say of points, and what they are made of: diffuse albedo, Lambertian and other diffuse parts, lobes.
 
-Nodes (`closure_nodes`, `principled`) take Closures of one kind at Points, one closure per point, add to the Shading of the
-batch and return microfacet lobes. Radiance and transparency, which need no direction, are summed where the table of
+Nodes (`closure_nodes`, `principled`) take Closures of one kind at Points, one closure per point, add to the Shading of
+the batch and return microfacet lobes. Radiance and transparency, which need no direction, are summed where the table of
 materials is made (`materials`).
 """
 
