@@ -10,7 +10,7 @@ import pickle
 import traceback
 from typing import Any
 
-from raytracer.rendering.live import describe_error
+from raytracer.processes.child import describe_error
 from raytracer.rendering.progressive import Picture, Target
 
 from ..extract.kept import Kept, read_changes
