@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,12 @@ def start_process(command: Sequence[str], **options: Any) -> subprocess.Popen[by
     errors = {"stderr": None if has_standard_error() else subprocess.DEVNULL}
     settings: Any = {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0), **errors, **options}
     return subprocess.Popen(command, **settings)
+
+
+def print_traceback(error: BaseException) -> None:
+    """Print where an error happened, where there is a place for it."""
+    with suppress(OSError, ValueError):  # a window without a console: standard error leads nowhere
+        traceback.print_exception(error)
 
 
 def has_standard_error() -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import pickle
 import queue
 import threading
-import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +18,7 @@ import numpy as np
 from raytracer.casting.caster import Caster, build
 from raytracer.processes.channel import ChannelClosedError, unpack
 from raytracer.processes.child import Child, Pulse, describe_error, open_channel, read_inbox
+from raytracer.processes.python import print_traceback
 from raytracer.processes.transfer import Parcel, Receiver, Sender
 from raytracer.rendering.progressive import Picture, Target, refine
 from raytracer.scene.camera import Camera
@@ -233,7 +233,7 @@ def serve() -> None:
             except ChannelClosedError:
                 return  # the parent is gone
             except Exception as error:  # said where the picture would be
-                traceback.print_exc()
+                print_traceback(error)
                 channel.send(Report(number, is_finished=True, error=describe_error(error)))
 
 

@@ -45,7 +45,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         pytest.skip("Blender found no screen to open a window on")
     path = folder / "report.json"
     assert path.exists(), output
-    found: dict[str, Any] = json.loads(path.read_text())
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     assert done.returncode == 0, output
     assert "error" not in found, found["error"]
     assert "Traceback" not in output, output

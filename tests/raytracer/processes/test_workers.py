@@ -198,7 +198,7 @@ def test_what_workers_print_does_not_mix_with_their_answers(functions):
 def test_workers_use_one_thread_and_neither_bpy_nor_the_working_directory(functions, tmp_path, monkeypatch):
     trap = tmp_path / "trap"
     trap.mkdir()
-    (trap / "random.py").write_text("raise SystemExit('imported from the working directory')")
+    (trap / "random.py").write_text("raise SystemExit('imported from the working directory')", encoding="utf-8")
     monkeypatch.chdir(trap)
     with Workers(1) as workers:
         workers.load(functions.make, "tell_environment")
