@@ -77,8 +77,8 @@ def silence_blender() -> None:
     Blender prints from C++ to the file descriptors 1 and 2, into buffers that are written at any later time; so the
     descriptors themselves lead nowhere, and `sys.stdout` and `sys.stderr` go on with copies of the old ones.
     """
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        stream.flush()
     sys.stdout = _reopen(sys.stdout)
     sys.stderr = _reopen(sys.stderr)
     with open(os.devnull, "wb") as nowhere:
@@ -87,7 +87,10 @@ def silence_blender() -> None:
 
 
 def _reopen(stream: Any) -> IO[str]:
-    return os.fdopen(os.dup(stream.fileno()), "w", encoding=stream.encoding, errors=stream.errors, buffering=1)
+    """Return a stream to where `stream` leads, or nowhere; a name that its encoding lacks letters for has escapes."""
+    if stream is None:
+        return open(os.devnull, "w", encoding="utf-8")
+    return os.fdopen(os.dup(stream.fileno()), "w", encoding=stream.encoding, errors="backslashreplace", buffering=1)
 
 
 def first_line(message: str) -> str:

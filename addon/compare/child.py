@@ -20,7 +20,7 @@ from typing import Any
 
 def main(path: str) -> int:
     """Run the job in a file; return the exit code."""
-    job = json.loads(Path(path).read_text())
+    job = json.loads(Path(path).read_text(encoding="utf-8"))
     folder = Path(job["folder"])
     # Python looks for modules beside a script first, where `cycles` would stand before the package of Blender's engine.
     sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != Path(__file__).resolve().parent]
@@ -29,14 +29,15 @@ def main(path: str) -> int:
 
         sys.path.insert(0, job["root"])
         sys.path += [entry for entry in job["paths"] if entry not in sys.path]
+        import_module("raytracer.processes.child").end_with_parent()
         outcome = run(job, folder)
         import numpy as np
 
         np.save(folder / "heat.npy", outcome.heat)
-        (folder / "outcome.json").write_text(json.dumps(outcome.as_plain()))
+        (folder / "outcome.json").write_text(json.dumps(outcome.as_plain()), encoding="utf-8")
     except Exception as error:
         traceback.print_exc()
-        (folder / "error.txt").write_text(str(error) or type(error).__name__)
+        (folder / "error.txt").write_text(str(error) or type(error).__name__, encoding="utf-8")
         return 1
     return 0
 
@@ -75,7 +76,7 @@ def compare_pictures(
     def count(*_: Any) -> None:
         nonlocal done
         done += 1
-        (folder / "progress.new").write_text(str(min(done / total, 1.0)))
+        (folder / "progress.new").write_text(str(min(done / total, 1.0)), encoding="utf-8")
         os.replace(folder / "progress.new", folder / "progress.txt")
 
     bpy.app.handlers.render_complete.append(count)

@@ -8,13 +8,13 @@ them, tells Blender how far they are, and turns every error into one sentence.
 from __future__ import annotations
 
 import time
-import traceback
 from collections.abc import Callable
 from typing import Any
 
 import bpy
 
 import raytracer
+from raytracer.processes.python import print_traceback
 from raytracer.processes.workers import WorkerError
 
 from ..extract.scene import Extraction, extract_scene
@@ -73,10 +73,10 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
         except SceneError as error:
             self._fail(str(error))
         except WorkerError as error:
-            traceback.print_exc()
+            print_traceback(error)
             self._fail(str(error))
         except Exception as error:  # nothing may reach Blender: it would take the render for a success
-            traceback.print_exc()
+            print_traceback(error)
             self._fail(f"internal error, {type(error).__name__}: {error}")
         self.layers_done += 1
 

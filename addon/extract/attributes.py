@@ -19,8 +19,8 @@ Values = NDArray[Any]
 # Blender's types of attributes: the field of their values, NumPy's type, and numbers per value.
 ATTRIBUTE_TYPES: dict[str, tuple[str, type, int]] = {
     "FLOAT": ("value", np.float32, 1),
-    "INT": ("value", np.int32, 1),
-    "INT8": ("value", np.int32, 1),
+    "INT": ("value", np.intc, 1),
+    "INT8": ("value", np.intc, 1),
     "BOOLEAN": ("value", np.bool_, 1),
     "FLOAT2": ("vector", np.float32, 2),
     "FLOAT_VECTOR": ("vector", np.float32, 3),

@@ -22,7 +22,14 @@ DEFAULT_POINT_RADIUS = 0.01  # Blender's radius of points that have no radius at
 
 
 def read_array(collection: Any, field: str, dtype: type, width: int = 1) -> NDArray[Any]:
-    """Return one field of a bpy collection as an array (n, width), or (n,) where width is 1."""
+    """Return one field of a bpy collection as an array (n, width), or (n,) where width is 1.
+
+    Notes
+    -----
+    Whole numbers are read as np.intc and np.uintc, C's int: `foreach_get` copies memory only into buffers of the
+    letters 'i' and 'I'. np.int32 has them on Linux and macOS, but is C's long, 'l', on Windows, where each number would
+    be converted (145 ms instead of 2.6 for the corners of 318,402 triangles).
+    """
     flat: NDArray[Any] = np.empty(len(collection) * width, dtype=dtype)
     collection.foreach_get(field, flat)
     return flat if width == 1 else flat.reshape(-1, width)
@@ -78,10 +85,10 @@ def extract_geometry(
     positions = read_attribute(mesh, "position", "vector", np.float32, 3)
     if positions is None or not len(mesh.loop_triangles):
         return None
-    # Vertex indices are not negative: uint32 is what Blender copies without converting.
-    triangles = read_array(mesh.loop_triangles, "vertices", np.uint32, 3).view(np.int32)  # (t, 3)
-    polygons = read_array(mesh.loop_triangle_polygons, "value", np.int32)  # (t,)
-    slots = read_attribute(mesh, "material_index", "value", np.int32)  # (polygons,)
+    # Vertex indices are not negative: uintc is what Blender copies without converting.
+    triangles = read_array(mesh.loop_triangles, "vertices", np.uintc, 3).view(np.intc)  # (t, 3)
+    polygons = read_array(mesh.loop_triangle_polygons, "value", np.intc)  # (t,)
+    slots = read_attribute(mesh, "material_index", "value", np.intc)  # (polygons,)
     slots = np.maximum(slots, 0)[polygons] if slots is not None and slots.any() else None  # (t,)
     kept = find_finite_triangles(positions, triangles, name, warnings)
     normals, uvs = read_normals(mesh), read_uvs(mesh) if with_uvs else None
@@ -146,7 +153,7 @@ def read_uvs(mesh: Any) -> NDArray[np.float32] | None:
 
 def read_corners(mesh: Any) -> NDArray[np.int32]:
     """Return (t, 3) the face corner of each corner of each triangle."""
-    return read_array(mesh.loop_triangles, "loops", np.uint32, 3).view(np.int32)
+    return read_array(mesh.loop_triangles, "loops", np.uintc, 3).view(np.intc)
 
 
 def replace_broken_normals(

@@ -51,8 +51,8 @@ def make_shape(mesh: Any, is_edited: bool, last: Shape | None) -> Shape | None:
     if last is not None and is_same(content, last.content):
         return last
     positions, _, polygons, hidden = content
-    # Vertex indices are not negative: uint32 is what Blender copies without converting.
-    triangles = read_array(mesh.loop_triangles, "vertices", np.uint32, 3).view(np.int32)  # (t, 3)
+    # Vertex indices are not negative: uintc is what Blender copies without converting.
+    triangles = read_array(mesh.loop_triangles, "vertices", np.uintc, 3).view(np.intc)  # (t, 3)
     kept = find_finite_triangles(positions, triangles, mesh.name, WarningList())  # (t,) or None
     if hidden is not None:
         kept = ~hidden[polygons] if kept is None else kept & ~hidden[polygons]
@@ -65,10 +65,10 @@ def make_shape(mesh: Any, is_edited: bool, last: Shape | None) -> Shape | None:
 def read_content(mesh: Any, is_edited: bool) -> Content:
     """Return positions, corner vertices, the polygon of each triangle, and which polygons are hidden."""
     positions = read_attribute(mesh, "position", "vector", np.float32, 3)
-    corners = read_attribute(mesh, ".corner_vert", "value", np.int32)
+    corners = read_attribute(mesh, ".corner_vert", "value", np.intc)
     assert positions is not None
     assert corners is not None
-    polygons = read_array(mesh.loop_triangle_polygons, "value", np.int32)
+    polygons = read_array(mesh.loop_triangle_polygons, "value", np.intc)
     return positions, corners, polygons, read_attribute(mesh, ".hide_poly", "value", np.bool_) if is_edited else None
 
 

@@ -7,10 +7,10 @@ looks from, and looks at pictures when they come. Nothing here draws or needs a 
 from __future__ import annotations
 
 import pickle
-import traceback
 from typing import Any
 
-from raytracer.rendering.live import describe_error
+from raytracer.processes.child import describe_error
+from raytracer.processes.python import print_traceback
 from raytracer.rendering.progressive import Picture, Target
 
 from ..extract.kept import Kept, read_changes
@@ -113,7 +113,7 @@ class Session:
 def explain(error: Exception) -> str:
     """Return a sentence for the user, and print where it happened if it should not have."""
     if not isinstance(error, ValueError):
-        traceback.print_exception(error)
+        print_traceback(error)
     return describe_error(error)
 
 

@@ -23,6 +23,15 @@ def normalize(vectors: Floats) -> Floats:
     return scaled / np.where(scale > 0, length(scaled)[..., np.newaxis], 1.0)
 
 
+def transform(matrix: Floats, vectors: Floats) -> Floats:
+    """Return M v for each vector, (..., m); M : (m, k) float64, vectors : (..., k) float64.
+
+    Sums have one order, the components'. NumPy's own product goes to BLAS, whose order of sums, and with it the last
+    bit, differs between processors.
+    """
+    return np.stack([dot(vectors, row) for row in matrix], axis=-1)
+
+
 def make_frame(normals: Floats) -> tuple[Floats, Floats]:
     """Return two unit vectors, each (n, 3), that form a right-handed frame (u, v, normal) with unit normals (n, 3)."""
     x, y, z = normals[:, 0], normals[:, 1], normals[:, 2]

@@ -65,7 +65,7 @@ def _facets(roughness: Floats, cosine: Floats) -> tuple[Floats, Floats, Floats]:
 def _mean(values: Floats) -> Floats:
     """Average over the facets of each pair: (p k,) -> (p,)."""
     weights = _facet_square(ANGLE_NODES, HEIGHT_NODES)[1]
-    return values.reshape(-1, len(weights)) @ weights
+    return (values.reshape(-1, len(weights)) * weights).sum(axis=-1)
 
 
 def _by_blocks(integrate: Callable[..., Floats]) -> Callable[..., Floats]:
@@ -139,7 +139,7 @@ def reflection_tables() -> tuple[Floats, Floats]:
     nodes, weights = _cosine_nodes()
     roughness = np.repeat(_grid(REFLECTION_SIZE), len(nodes))
     values = integrate_reflection(roughness, np.tile(nodes, REFLECTION_SIZE))
-    return table, values.reshape(REFLECTION_SIZE, -1) @ weights
+    return table, (values.reshape(REFLECTION_SIZE, -1) * weights).sum(axis=-1)
 
 
 def _eta_of_node(node: int) -> float:
@@ -155,7 +155,7 @@ def glass_tables(node: int, inverse: bool) -> tuple[Floats, Floats]:
     table = integrate_glass(*_pairs(GLASS_SIZE), eta).reshape(GLASS_SIZE, GLASS_SIZE)
     nodes, weights = _cosine_nodes()
     values = integrate_glass(np.repeat(_grid(GLASS_SIZE), len(nodes)), np.tile(nodes, GLASS_SIZE), eta)
-    return table, values.reshape(GLASS_SIZE, -1) @ weights
+    return table, (values.reshape(GLASS_SIZE, -1) * weights).sum(axis=-1)
 
 
 @lru_cache(maxsize=GLASS_SIZE)

@@ -5,7 +5,7 @@ Rectangles are sampled evenly over the solid angle of the part that can light th
 
 from __future__ import annotations
 
-from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -30,11 +30,17 @@ def area_of(light: AreaLight) -> float:
     return area * np.pi / 4.0 if light.shape == "ellipse" else area
 
 
-@lru_cache(maxsize=1024)
+# Weak: a cache that holds lamps would hold the memory that all arrays of their scenes lie in.
+_AXES: WeakKeyDictionary[AreaLight, tuple[Floats, Floats, Floats]] = WeakKeyDictionary()
+
+
 def unit_axes(light: AreaLight) -> tuple[Floats, Floats, Floats]:
     """Return unit axes u, v and the side that shines, -(u x v)."""
-    u, v = normalize(light.axis_u), normalize(light.axis_v)
-    return u, v, -normalize(np.cross(u, v))
+    axes = _AXES.get(light)
+    if axes is None:
+        u, v = normalize(light.axis_u), normalize(light.axis_v)
+        axes = _AXES[light] = (u, v, -normalize(np.cross(u, v)))
+    return axes
 
 
 def area_spread_factor(light: AreaLight, cosine: Floats) -> Floats:

@@ -20,8 +20,8 @@ import dataclasses
 import numpy as np
 
 from raytracer.arrays.types import Booleans, Floats
-from raytracer.arrays.vectors import normalize, to_world
-from raytracer.lecture import dot, intersect_plane, length, point_on_line
+from raytracer.arrays.vectors import normalize, to_world, transform
+from raytracer.lecture import cross, dot, intersect_plane, length, point_on_line
 from raytracer.lights.area_lights import area_of, evaluate_area, sample_area
 from raytracer.lights.light_shapes import (
     LightHits,
@@ -90,7 +90,10 @@ def spot_attenuation(light: SpotLight, directions: Floats) -> Floats:
 
     directions : (n, 3) float64, from the lit points to the light
     """
-    local = normalize(np.linalg.solve(light.world_from_light, -directions.T).T)
+    a, b, c = (light.world_from_light / np.abs(light.world_from_light).max()).T
+    # Cramer's rule; the rows of the inverse are (b x c, c x a, a x b) / D, D the determinant, of which the sign is left.
+    inverse = np.stack([cross(b, c), cross(c, a), cross(a, b)]) * np.sign(dot(a, cross(b, c)))
+    local = normalize(transform(inverse, -directions))
     edge = np.cos(light.spot_size / 2.0)
     inside = -local[:, 2] - edge
     width = light.spot_blend * (1.0 - edge)

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
+import traceback
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 # The libraries NumPy may take its linear algebra from; workers are parallel already.
 ONE_THREAD = dict.fromkeys(
@@ -27,3 +32,28 @@ def _list_import_paths() -> list[str]:
     """Return where modules come from: this package first, then as in this process, without the working directory."""
     package = str(Path(__file__).resolve().parents[__name__.count(".")])
     return [package, *(path for path in sys.path if os.path.isabs(path) and path != package)]
+
+
+def start_process(command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
+    """Start a process that opens no window; `options` are Popen's.
+
+    What it says on standard error goes where ours goes, or nowhere: Blender on Windows may have none to pass on.
+    """
+    errors = {"stderr": None if has_standard_error() else subprocess.DEVNULL}
+    settings: Any = {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0), **errors, **options}
+    return subprocess.Popen(command, **settings)
+
+
+def print_traceback(error: BaseException) -> None:
+    """Print where an error happened, where there is a place for it."""
+    with suppress(OSError, ValueError):  # a window without a console: standard error leads nowhere
+        traceback.print_exception(error)
+
+
+def has_standard_error() -> bool:
+    """Return whether the system knows of a standard error of this process."""
+    try:
+        os.fstat(2)
+    except OSError:
+        return False
+    return True

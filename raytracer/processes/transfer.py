@@ -1,16 +1,14 @@
 """Scenes on their way to another process: only arrays that it does not have yet are sent.
 
 A scene is pickled with numbers in place of its larger arrays, which both sides keep as long as the last scene holds
-them; new ones go into a file that the receiver maps. Nothing here knows of rendering.
+them; new ones travel beside it. Nothing here knows of rendering.
 """
 
 from __future__ import annotations
 
 import io
-import mmap
 import pickle
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +16,6 @@ from numpy.typing import NDArray
 
 # Arrays of fewer bytes are cheaper to send again than to remember.
 SMALLEST_KEPT = 1 << 10
-# NumPy arrays are fastest on whole cache lines.
-ALIGNMENT = 64
 
 # What tells an array that is kept alive from all others: address, shape, strides, type.
 Identity = tuple[int, tuple[int, ...], tuple[int, ...], str]
@@ -27,41 +23,34 @@ Identity = tuple[int, tuple[int, ...], tuple[int, ...], str]
 
 @dataclass(frozen=True)
 class Parcel:
-    """What a `Sender` says of one object; small.
+    """What a `Sender` says of one object.
 
     outline : the object, pickled, with numbers in place of arrays
-    arrays : for each new array its number, type, shape and place in the file, bytes from its beginning
+    arrays : the new arrays by number; they must not change before they have left
     dropped : numbers of arrays that are not needed any more
-    path : the file of new arrays, or None without any
     """
 
     outline: bytes
-    arrays: tuple[tuple[int, str, tuple[int, ...], int], ...]
+    arrays: dict[int, NDArray[Any]]
     dropped: tuple[int, ...]
-    path: Path | None
 
 
 class Sender:
     """Packs one object after the other, each time without what the last one had in common with it."""
 
-    def __init__(self, directory: Path) -> None:
-        self._directory = directory
+    def __init__(self) -> None:
         self._kept: dict[Identity, tuple[int, NDArray[Any]]] = {}
-        self._count = self._files = 0
+        self._count = 0
 
     def pack(self, content: Any) -> Parcel:
-        """Return what the receiver needs; new arrays are written to a file."""
+        """Return what the receiver needs."""
         used: dict[Identity, tuple[int, NDArray[Any]]] = {}
         stream = io.BytesIO()
         _Pickler(stream, self._number, used).dump(content)
-        new = [entry for identity, entry in used.items() if identity not in self._kept]
+        new = {number: array for identity, (number, array) in used.items() if identity not in self._kept}
         dropped = [number for identity, (number, _) in self._kept.items() if identity not in used]
         self._kept = used
-        path = None
-        if new:
-            self._files += 1
-            path = self._directory / f"arrays-{self._files}"
-        return Parcel(stream.getvalue(), _write_arrays(new, path), tuple(dropped), path)
+        return Parcel(stream.getvalue(), new, tuple(dropped))
 
     def _number(self, array: NDArray[Any], used: dict[Identity, tuple[int, NDArray[Any]]]) -> int:
         identity = (array.ctypes.data, array.shape, array.strides, array.dtype.str)
@@ -83,20 +72,6 @@ class _Pickler(pickle.Pickler):
         return None
 
 
-def _write_arrays(entries: list[tuple[int, NDArray[Any]]], path: Path | None) -> tuple[Any, ...]:
-    """Write arrays one after the other; return `Parcel.arrays`."""
-    if path is None:
-        return ()
-    places, start = [], 0
-    with open(path, "wb") as file:
-        for number, array in entries:
-            places.append((number, array.dtype.str, array.shape, start))
-            file.write(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
-            file.write(bytes(-array.nbytes % ALIGNMENT))
-            start += array.nbytes + -array.nbytes % ALIGNMENT
-    return tuple(places)
-
-
 class Receiver:
     """Unpacks what one `Sender` packed, in the same order."""
 
@@ -104,15 +79,12 @@ class Receiver:
         self._kept: dict[int, NDArray[Any]] = {}
 
     def unpack(self, parcel: Parcel) -> Any:
-        """Return the object; its larger arrays are read-only views of the file, which may be deleted afterwards."""
+        """Return the object; its larger arrays can only be read."""
         for number in parcel.dropped:
             del self._kept[number]
-        if parcel.path is not None:
-            with open(parcel.path, "rb") as file:
-                data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-            for number, dtype, shape, start in parcel.arrays:
-                count = int(np.prod(shape))
-                self._kept[number] = np.frombuffer(data, np.dtype(dtype), count, start).reshape(shape)
+        for number, array in parcel.arrays.items():
+            array.flags.writeable = False
+            self._kept[number] = array
         return _Unpickler(io.BytesIO(parcel.outline), self._kept).load()
 
 

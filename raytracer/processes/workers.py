@@ -1,41 +1,27 @@
 """Worker processes: a function loaded once, called for many jobs, its results in the order of the jobs.
 
-Each worker is a fresh Python of our own making, joined by its standard input and output: nothing of the parent runs
-again in it (multiprocessing would re-import the user's script), no port is opened, and it ends when its parent does,
-whatever the reason. Big arrays of what is loaded lie in one mapped file that all workers share. Nothing here knows of
-rendering.
+Big arrays of what is loaded lie in memory that all workers share. Nothing here knows of rendering.
 """
 
 from __future__ import annotations
 
-import mmap
-import os
 import pickle
 import queue
-import signal
-import subprocess
-import sys
-import tempfile
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
-from raytracer.processes.python import make_python_command, make_python_environment
+from raytracer.processes.channel import ChannelClosedError, unpack
+from raytracer.processes.child import Child, Pulse, open_channel, read_inbox
+from raytracer.processes.shared_memory import Door, SharedMemory, Ticket, open_shared
 
 # Jobs handed out per worker beyond the one whose result is due: enough that no worker waits for the parent.
 JOBS_AHEAD = 2
-
-
 # Seconds between two looks at `is_cancelled` while a result is awaited.
 POLL_SECONDS = 0.02
-
-
-# NumPy arrays are fastest on whole cache lines.
-BUFFER_ALIGNMENT = 64
 
 
 class WorkerError(RuntimeError):
@@ -43,10 +29,9 @@ class WorkerError(RuntimeError):
 
 
 class Workers:
-    """A number of worker processes; use it in a `with` statement, or call `close`."""
+    """A number of worker processes, a Pool; use it in a `with` statement, or call `close`."""
 
     def __init__(self, count: int) -> None:
-        self._directories: list[tempfile.TemporaryDirectory[str]] = []
         self._workers = [_Worker() for _ in range(count)]
         self._idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
         for worker in self._workers:
@@ -66,7 +51,7 @@ class Workers:
     @property
     def process_ids(self) -> list[int]:
         """The workers' process ids."""
-        return [worker.process.pid for worker in self._workers]
+        return [worker.child.process.pid for worker in self._workers]
 
     def load(self, factory: Callable[..., Callable[[Any], Any]], *arguments: Any) -> None:
         """Let every worker call `factory(*arguments)`; what it returns will be called with each job.
@@ -74,23 +59,32 @@ class Workers:
         Raises
         ------
         WorkerError
-            If a worker has died or the factory fails in it.
+            If a worker has died or been stopped, the factory fails in it, or there is no room for what is loaded.
         """
-        directory = tempfile.TemporaryDirectory(prefix="raytracer-")
-        self._directories.append(directory)
-        path = Path(directory.name) / "arrays"
-        outline, sizes = _write_arrays((factory, arguments), path)
-        # All workers, as soon as each has finished what it may still be doing for a cancelled run.
-        workers = [self._idle.get() for _ in self._workers]
+        buffers: list[pickle.PickleBuffer] = []
+        outline = pickle.dumps((factory, arguments), protocol=pickle.HIGHEST_PROTOCOL, buffer_callback=buffers.append)
         try:
-            loads = [self._threads.submit(worker.ask, "load", (outline, path, sizes)) for worker in workers]
+            memory = SharedMemory([buffer.raw() for buffer in buffers])
+        except OSError as error:
+            raise WorkerError(f"no room for what the workers share: {error.strerror}") from error
+        try:
+            self._load((outline, memory.ticket), memory)
+        finally:
+            memory.close()
+
+    def _load(self, content: tuple[bytes, Ticket], memory: SharedMemory) -> None:
+        """Load all workers, each as soon as it has finished what it may still be doing for a cancelled run."""
+        taken: list[_Worker] = []
+        try:
+            while len(taken) < len(self):
+                taken.append(self._take_idle())
+            loads = [self._threads.submit(worker.load, content, memory) for worker in taken]
             for load in loads:
+                self._wait(load, lambda: False)
                 load.result()
         finally:
-            for worker in workers:
+            for worker in taken:
                 self._idle.put(worker)
-        if os.name == "posix":  # elsewhere a mapped file cannot be deleted before `close`
-            directory.cleanup()
 
     def run(self, jobs: Iterable[Any], is_cancelled: Callable[[], bool] = lambda: False) -> Iterator[Any]:
         """Yield the result of every job, in order; stop early, dropping what is under way, when `is_cancelled()`.
@@ -100,18 +94,18 @@ class Workers:
         Raises
         ------
         WorkerError
-            If a worker has died or the function fails in it.
+            If a worker has died or been stopped, or the function fails in it.
         """
         pending: deque[Future[Any]] = deque()
         try:
             for job in jobs:
                 pending.append(self._threads.submit(self._call, job))
                 if len(pending) > JOBS_AHEAD * len(self):
-                    if _wait(pending[0], is_cancelled):
+                    if self._wait(pending[0], is_cancelled):
                         return
                     yield pending.popleft().result()
             while pending:
-                if _wait(pending[0], is_cancelled):
+                if self._wait(pending[0], is_cancelled):
                     return
                 yield pending.popleft().result()
         finally:
@@ -121,12 +115,10 @@ class Workers:
     def close(self) -> None:
         """End the processes; whatever they are doing is lost."""
         for worker in self._workers:
-            worker.process.kill()
+            worker.child.kill()
         self._threads.shutdown(wait=True, cancel_futures=True)
         for worker in self._workers:
             worker.close()
-        for directory in self._directories:
-            directory.cleanup()
 
     def _call(self, job: Any) -> Any:
         worker = self._idle.get()
@@ -135,113 +127,103 @@ class Workers:
         finally:
             self._idle.put(worker)  # dead or alive: the next call finds out at once, instead of waiting for ever
 
+    def _take_idle(self) -> _Worker:
+        while True:
+            try:
+                return self._idle.get(timeout=POLL_SECONDS)
+            except queue.Empty:
+                self._look_for_signs()
+
+    def _wait(self, future: Future[Any], is_cancelled: Callable[[], bool]) -> bool:
+        """Wait until a result is there (False) or the user cancels (True)."""
+        while not is_cancelled():
+            try:
+                future.exception(timeout=POLL_SECONDS)
+            except TimeoutError:
+                self._look_for_signs()
+                continue
+            return False
+        return True
+
+    def _look_for_signs(self) -> None:
+        """Take note that one more wait for those that are at work has been in vain."""
+        for worker in self._workers:
+            if worker.is_asked:
+                worker.child.wait_in_vain(POLL_SECONDS)
+
 
 class _Worker:
-    """The parent's end of one worker process."""
+    """The parent's end of one worker process.
+
+    is_asked : True while an answer is due
+    """
 
     def __init__(self) -> None:
-        self.process = subprocess.Popen(
-            make_python_command(f"from {__name__} import serve; serve()"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env=make_python_environment(),
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-        )
+        self._door = Door()
+        self.child = Child(__name__, str(self._door.number), **self._door.options)
+        self._door.shut()
+        self.is_asked = False
+
+    def load(self, content: tuple[bytes, Ticket], memory: SharedMemory) -> None:
+        """Have it load what `memory` holds."""
+        self._door.send(memory)
+        self.ask("load", content)
 
     def ask(self, kind: str, content: Any) -> Any:
         """Send one request and return its answer."""
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
+        self.is_asked = True
         try:
-            _send(self.process.stdin, (kind, content))
-            succeeded, answer = pickle.load(self.process.stdout)
-        except (EOFError, BrokenPipeError, ConnectionResetError, pickle.UnpicklingError):
-            self.process.kill()
-            code = self.process.wait()
-            raise WorkerError(f"a worker process ended unexpectedly (exit code {code})") from None
+            self.child.channel.send((kind, content))
+            succeeded, answer, trace = self.child.channel.receive()
+        except (ChannelClosedError, pickle.UnpicklingError):
+            raise WorkerError(f"a worker process {self.child.describe_end()}") from None
+        finally:
+            self.is_asked = False
         if succeeded:
             return answer
-        error = WorkerError(f"a worker process failed: {answer.splitlines()[-1]}")
-        error.add_note(answer)
+        error = WorkerError(f"a worker process failed: {answer}")
+        error.add_note(trace)
         raise error
 
     def close(self) -> None:
-        self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
-            assert pipe is not None
-            try:
-                pipe.close()
-            except BrokenPipeError:
-                # What a dead worker had not read is lost, as `close` promises.
-                continue
+        self._door.close()
+        self.child.close()
 
 
-def _wait(future: Future[Any], is_cancelled: Callable[[], bool]) -> bool:
-    """Wait until a result is there (False) or the user cancels (True)."""
-    while not is_cancelled():
-        try:
-            future.exception(timeout=POLL_SECONDS)
-        except TimeoutError:
-            continue
-        return False
-    return True
-
-
-def _send(stream: IO[bytes], message: Any) -> None:
-    pickle.dump(message, stream, protocol=pickle.HIGHEST_PROTOCOL)
-    stream.flush()
-
-
-def _write_arrays(content: Any, path: Path) -> tuple[bytes, list[int]]:
-    """Pickle `content`, its arrays apart in the file `path`; return the pickle and the sizes of the arrays, bytes."""
-    buffers: list[pickle.PickleBuffer] = []
-    outline = pickle.dumps(content, protocol=pickle.HIGHEST_PROTOCOL, buffer_callback=buffers.append)
-    sizes = []
-    with open(path, "wb") as file:
-        for buffer in buffers:
-            data = buffer.raw()
-            sizes.append(data.nbytes)
-            file.write(data)
-            file.write(bytes(-data.nbytes % BUFFER_ALIGNMENT))
-    return outline, sizes
-
-
-def _read_arrays(outline: bytes, path: Path, sizes: list[int]) -> Any:
-    """Return what `_write_arrays` was given; its arrays are read-only views of the file."""
-    if not any(sizes):
-        return pickle.loads(outline, buffers=[bytes(size) for size in sizes])  # an empty file cannot be mapped
-    with open(path, "rb") as file:
-        data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-    buffers, start = [], 0
-    for size in sizes:
-        buffers.append(data[start : start + size])
-        start += size + -size % BUFFER_ALIGNMENT
-    return pickle.loads(outline, buffers=buffers)
-
-
-def serve() -> None:
-    """Answer requests from standard input until it ends; the life of a worker process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
-    requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what anything prints must not mix with the answers
+def serve(door: int) -> None:
+    """Answer requests until the parent is gone; the life of a worker process."""
+    channel = open_channel()
+    inbox, pulse = read_inbox(channel), Pulse(channel)
     function: Callable[[Any], Any] | None = None
     while True:
+        parts = inbox.get()
+        with pulse:
+            try:
+                kind, content = unpack(parts)
+                if kind == "load":
+                    function = None  # what was loaded before makes room
+                    function = _load(door, *content)
+                    answer = None
+                else:
+                    assert function is not None
+                    answer = function(content)
+                reply = (True, answer, "")
+            except Exception as error:  # every request is answered: the parent raises what went wrong
+                reply = (False, _describe_error(error), traceback.format_exc())
         try:
-            kind, content = pickle.load(requests)
-        except EOFError:
-            return
-        try:
-            if kind == "load":
-                factory, arguments = _read_arrays(*content)
-                function = factory(*arguments)
-                answer = None
-            else:
-                assert function is not None
-                answer = function(content)
-            reply = (True, answer)
-        except Exception:  # every request is answered: the parent raises what went wrong
-            reply = (False, traceback.format_exc())
-        try:
-            _send(answers, reply)
-        except BrokenPipeError:
+            channel.send(reply)
+        except ChannelClosedError:
             return  # the parent is gone
+
+
+def _load(door: int, outline: bytes, ticket: Ticket) -> Callable[[Any], Any]:
+    factory, arguments = pickle.loads(outline, buffers=open_shared(ticket, door))
+    function: Callable[[Any], Any] = factory(*arguments)
+    return function
+
+
+def _describe_error(error: Exception) -> str:
+    """Return a sentence: NumPy's own class for a want of memory says less than words do."""
+    if isinstance(error, MemoryError):
+        return "not enough memory; fewer workers need less"
+    return " ".join(traceback.format_exception_only(error)[-1].split())

@@ -18,7 +18,7 @@ from raytracer.integrator.integrator import Integrator, prepare
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import WORD_LIMIT, Settings, check_integer
 from raytracer.lights.shared_points import choose_interleaving
-from raytracer.processes.workers import Workers
+from raytracer.processes.pool import Pool
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
 from raytracer.sampling.dimensions import FILTER_DIMENSION, LENS_DIMENSION
 from raytracer.sampling.sobol import SobolSamples
@@ -141,13 +141,13 @@ class BlockPlan:
 
 
 def trace_blocks(
-    pool: Workers | None,
+    pool: Pool | None,
     tracer_arguments: tuple[Scene, Caster, FrameWindow, Settings],
     blocks: Iterable[Block],
     is_cancelled: Callable[[], bool],
 ) -> Iterator[BlockResult]:
     """Yield the results of `blocks` in order, until `is_cancelled()`."""
-    if pool:
+    if pool is not None:
         pool.load(BlockTracer, *tracer_arguments)
         yield from pool.run(blocks, is_cancelled)
         return

@@ -17,6 +17,7 @@ from raytracer.film.film import Film
 from raytracer.integrator.features import derive_features
 from raytracer.integrator.integrator import catches_shadows
 from raytracer.integrator.settings import Settings
+from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers
 from raytracer.rendering.blocks import BlockPlan, BlockResult, _never, count_passes, make_window, trace_blocks
 from raytracer.scene.scene import Scene
@@ -31,7 +32,7 @@ def render(
     samples: int = 64,
     *,
     caster: Caster | None = None,
-    workers: int | Workers = 1,
+    workers: int | Pool = 1,
     on_pass: PassCallback | None = None,
     on_progress: Callable[[float], None] | None = None,
     is_cancelled: Callable[[], bool] | None = None,
@@ -44,7 +45,7 @@ def render(
     width, height : size of the full picture, pixels
     samples : rays per pixel
     caster : what `raytracer.build(scene)` returned, to save building it again
-    workers : number of processes, or Workers that are running already (they keep running)
+    workers : number of processes, or a Pool, such as Workers that are running already (they keep running)
     on_pass : called with (film, done, total) after each pass over the picture; the film can be read meanwhile
     on_progress : called with the finished share, 0 to 1, after each block of pixels
     is_cancelled : asked several times a second; True ends the render with the film as it is
@@ -74,7 +75,7 @@ def render(
     >>> film["Combined"].shape, film["Depth"][0, 0].tolist()
     ((3, 4, 4), [4.0])
     """
-    count = len(workers) if isinstance(workers, Workers) else workers
+    count = len(workers) if isinstance(workers, Pool) else workers
     chosen = Settings(samples=samples, workers=count, **settings)
     view = make_window(scene, width, height, chosen)
     film = Film(view.width, view.height, chosen.passes, catches=catches_shadows(derive_features(scene), chosen))
@@ -83,8 +84,8 @@ def render(
     caster = caster or build(scene, chosen.precision)
     film.statistics.build_seconds = time.perf_counter() - started
     with ExitStack() as stack:
-        pool = workers if isinstance(workers, Workers) else None
-        if chosen.workers > 1 and not pool:
+        pool = workers if isinstance(workers, Pool) else None
+        if chosen.workers > 1 and pool is None:
             pool = stack.enter_context(Workers(chosen.workers))
         results = trace_blocks(pool, (scene, caster, view, chosen), plan, is_cancelled or _never)
         accumulate(film, plan, results, on_pass, on_progress)

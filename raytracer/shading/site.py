@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
-from raytracer.arrays.vectors import normalize
+from raytracer.arrays.vectors import normalize, transform
 from raytracer.casting.geometry import transform_points, world_corners
 from raytracer.film.camera import find_on_film
 from raytracer.lecture import cross, dot
@@ -287,6 +287,6 @@ def measure_footprint(tables: SiteTables, surface: Surface, path: LightPath | No
         return np.full(len(travelled), tables.view.pixel)
     if path is None or "camera" not in path.values:
         return tables.view.pixel * travelled
-    x, y, z = (surface.outgoing @ tables.view.camera_from_world[:3, :3].T).T
+    x, y, z = np.moveaxis(transform(tables.view.camera_from_world[:3, :3], surface.outgoing), -1, 0)
     angle = np.abs(z) * (np.sqrt(np.maximum(1.0 - x * x, 0.0)) + np.sqrt(np.maximum(1.0 - y * y, 0.0))) / 2.0
     return tables.view.pixel * travelled * np.where(path.values["camera"] > 0, angle, 1.0)

@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats
+from raytracer.arrays.vectors import transform
+from raytracer.lecture import dot
 from raytracer.textures.sky_spectra import (
     AEROSOL_ABSORPTION,
     AEROSOL_SCATTERING,
@@ -115,8 +117,8 @@ def _measure_depth(position: Floats, direction: Floats) -> Floats:
 
 def _extinguish(depth: Floats) -> Floats:
     """(..., 21) the share of light left after optical depths (..., 3)."""
-    coefficients = np.stack([RAYLEIGH_SCATTERING, np.full(21, MIE_EXTINCTION), OZONE_ABSORPTION])
-    return np.exp(-(depth @ coefficients))
+    air, aerosol, ozone = np.moveaxis(depth[..., np.newaxis], -2, 0)
+    return np.exp(-(air * RAYLEIGH_SCATTERING + aerosol * MIE_EXTINCTION + ozone * OZONE_ABSORPTION))
 
 
 def _scatter_once(directions: Floats, sun: Floats, atmosphere: Atmosphere) -> Floats:
@@ -124,7 +126,7 @@ def _scatter_once(directions: Floats, sun: Floats, atmosphere: Atmosphere) -> Fl
     origin = np.array([0.0, 0.0, EARTH + np.clip(atmosphere.altitude, 1.0, 59999.0)])
     densities = np.array([atmosphere.air, atmosphere.aerosol, atmosphere.ozone])
     step = exit_sphere(origin, directions, TOP)[:, np.newaxis] / SINGLE_STEPS
-    cosine, g = directions @ sun, MIE_ANISOTROPY
+    cosine, g = dot(directions, sun), MIE_ANISOTROPY
     rayleigh = 3.0 / (16.0 * np.pi) * (1.0 + cosine**2)
     mie = (
         3.0
@@ -145,7 +147,7 @@ def _scatter_once(directions: Floats, sun: Floats, atmosphere: Atmosphere) -> Fl
 
 
 def _sees_sun(position: Floats, sun: Floats) -> NDArray[np.bool_]:
-    along = position @ sun
+    along = dot(position, sun)
     return (sun[2] >= 0) | (along**2 - (position**2).sum(axis=-1) + EARTH**2 < 0)
 
 
@@ -174,7 +176,7 @@ def tabulate_single(atmosphere: Atmosphere, half: bool = False) -> Floats:
     table = np.zeros((TABLE_HEIGHT, TABLE_WIDTH // 2, 3))
     for row, angle in enumerate(zenith * (np.arange(middle) / middle) ** 2, start=middle):
         directions = place_rays(angle, azimuth)
-        table[row] = _scatter_once(directions, sun, atmosphere) @ COLOR_MATCHING * STEP_OF_WAVELENGTH
+        table[row] = transform(COLOR_MATCHING.T, _scatter_once(directions, sun, atmosphere)) * STEP_OF_WAVELENGTH
     below = -np.pi / 2 * (np.arange(middle) / middle - 1.0) ** 2
     left = np.ones(middle) if half else fade_below(np.sin(below))
     table[:middle] = left[:, np.newaxis, np.newaxis] * table[middle]
@@ -186,7 +188,7 @@ def find_single_sun(atmosphere: Atmosphere, elevation: float, solid_angle: float
     origin = np.array([0.0, 0.0, EARTH + np.clip(atmosphere.altitude, 1.0, 59999.0)])
     direction = place_rays(np.float64(max(elevation, 0.0)), np.float64(0.0))
     depth = _measure_depth(origin, direction) * (atmosphere.air, atmosphere.aerosol, 0.0)
-    return (SUN_IRRADIANCE * _extinguish(depth) / solid_angle) @ COLOR_MATCHING * STEP_OF_WAVELENGTH
+    return transform(COLOR_MATCHING.T, SUN_IRRADIANCE * _extinguish(depth) / solid_angle) * STEP_OF_WAVELENGTH
 
 
 # Multiple scattering, 4 wavelengths ----------------------------------------------------------------------------------
@@ -258,19 +260,19 @@ def _look_up(table: Floats, cosine: Floats, share: Floats) -> Floats:
 def _scatter_often(directions: Floats, sun: Floats, table: Floats, atmosphere: Atmosphere) -> Floats:
     """Return the radiance (n, 4) from directions (n, 3), to the ground or to space."""
     origin = np.array([0.0, 0.0, GLOBE + np.clip(atmosphere.altitude, 1.0, 99999.0) / 1000.0])
-    along = directions @ origin
+    along = dot(directions, origin)
     square = along**2 - origin[2] ** 2 + GLOBE**2
     ground = -along - np.sqrt(np.maximum(square, 0.0))
     reach = np.where((square >= 0) & (along < 0), ground, exit_sphere(origin, directions, GLOBE + THICKNESS))
     step = reach / MARCHED_STEPS
-    cosine, g = directions @ sun, HAZE_ANISOTROPY
+    cosine, g = dot(directions, sun), HAZE_ANISOTROPY
     by_air = (3.0 / (16.0 * np.pi) * (1.0 + cosine**2))[:, np.newaxis]
     by_haze = ((1.0 - g * g) / (4.0 * np.pi * (1.0 + g * g - 2.0 * g * cosine) ** 1.5))[:, np.newaxis]
     total, left = np.zeros((len(directions), 4)), np.ones((len(directions), 4))
     for number in range(MARCHED_STEPS):
         position = origin + ((number + 0.5) * step)[:, np.newaxis] * directions
         radius = np.sqrt((position**2).sum(axis=1))
-        height, zenith = np.maximum(radius - GLOBE, 0.0), position @ sun / radius
+        height, zenith = np.maximum(radius - GLOBE, 0.0), dot(position, sun) / radius
         air, haze, extinction = _measure_coefficients(height, atmosphere)
         direct = _look_up(table, zenith, height / THICKNESS)
         around = _scatter_around(table, zenith, height / THICKNESS, radius)
@@ -302,7 +304,7 @@ def tabulate_multiple(atmosphere: Atmosphere) -> Floats:
     azimuth = 2.0 * np.pi * (np.arange(TABLE_WIDTH // 2) + 0.5) / TABLE_WIDTH
     table = np.zeros((TABLE_HEIGHT, TABLE_WIDTH // 2, 3))
     for row, angle in enumerate(np.copysign(level**2, level) * np.pi / 2):
-        table[row] = _scatter_often(place_rays(angle, azimuth), sun, sunlight, atmosphere) @ FOUR_MATCHING
+        table[row] = transform(FOUR_MATCHING.T, _scatter_often(place_rays(angle, azimuth), sun, sunlight, atmosphere))
     return np.concatenate([table, table[:, ::-1]], axis=1)
 
 
@@ -310,4 +312,4 @@ def find_multiple_sun(atmosphere: Atmosphere, elevation: float, solid_angle: flo
     """Return the radiance of the sun's disc at an elevation as XYZ (3,)."""
     height = np.float64(np.clip(atmosphere.altitude, 1.0, 99999.0) / 1000.0)
     left = _transmit(np.float64(np.sin(elevation)), height, atmosphere)
-    return (FOUR_SUN * left / solid_angle) @ FOUR_MATCHING
+    return transform(FOUR_MATCHING.T, FOUR_SUN * left / solid_angle)

@@ -76,8 +76,8 @@ def assert_shows_plane(picture: Path) -> None:
 
 
 def test_manifest_and_wheel_agree_on_the_version() -> None:
-    manifest = tomllib.loads((ROOT / "addon" / "blender_manifest.toml").read_text())
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    manifest = tomllib.loads((ROOT / "addon" / "blender_manifest.toml").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert manifest["version"] == project["version"]
     assert manifest["wheels"] == [f"./wheels/raytracer-{project['version']}-py3-none-any.whl"]
     assert manifest["license"] == ["SPDX:GPL-3.0-or-later"]
@@ -97,7 +97,7 @@ def test_package_holds_every_module_and_nothing_else(package: Path, tmp_path: Pa
 
 def test_extension_installs_into_the_bpy_module_and_renders(package: Path, blend: Path, tmp_path: Path) -> None:
     script, picture = tmp_path / "script.py", tmp_path / "picture.exr"
-    script.write_text(INSTALL_AND_RENDER)
+    script.write_text(INSTALL_AND_RENDER, encoding="utf-8")
     done = run(sys.executable, script, package, blend, picture, home=tmp_path)
     places = dict(line.split(" ", 1) for line in done.stdout.splitlines() if line.startswith(("raytracer ", "addon ")))
     assert all(Path(place).is_relative_to(tmp_path) for place in places.values()), places
@@ -121,7 +121,7 @@ print("rays", [ray.name for ray in bpy.context.window_manager.reference_raytrace
 def test_installed_extension_compares_inspects_and_has_its_command(package: Path, blend: Path, tmp_path: Path) -> None:
     run(BLENDER, "--command", "extension", "install-file", "-r", "user_default", "-e", package, home=tmp_path)
     script, picture = tmp_path / "script.py", tmp_path / "picture.exr"
-    script.write_text(COMPARE_AND_INSPECT)
+    script.write_text(COMPARE_AND_INSPECT, encoding="utf-8")
     done = run(BLENDER, "-b", blend, "--python-exit-code", "3", "-P", script, home=tmp_path)
     assert "numbers 0 156" in done.stdout  # 16 x 9 rays of the camera, 3 x 4 others
     assert "rays ['Camera: Plane']" in done.stdout

@@ -113,7 +113,7 @@ def format_row(name, numbers):
 
 def read_rows(path):
     """Return the lines of a table by the names of their files."""
-    lines = path.read_text().splitlines() if path.exists() else []
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     return {line[3 : line.index("]")]: line for line in lines if line.startswith("| [")}
 
 
@@ -127,7 +127,7 @@ def write_agreement(folder, names):
         numbers = comparison.summarise()
         comparison.save_picture(folder / "agreement" / f"{name}.png")
         rows = read_rows(path) | {name: format_row(name, numbers)}
-        path.write_text(HEAD + "\n".join(rows[key] for key in sorted(rows)) + "\n")
+        path.write_text(HEAD + "\n".join(rows[key] for key in sorted(rows)) + "\n", encoding="utf-8")
         print(name, ", ".join(find_misses(numbers)) or "within the bar", flush=True)
     return path
 

@@ -50,7 +50,7 @@ def write_report(numbers, folder):
 
     def write(name, lines):
         written.append(folder / name)
-        written[-1].write_text("\n".join(lines).rstrip() + "\n")
+        written[-1].write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
 
     def draw(name, plot):
         written.append(folder / name)
@@ -62,7 +62,7 @@ def write_report(numbers, folder):
         write("accuracy.md", [ACCURACY_HEAD, *describe_run(numbers), *write_accuracy(numbers)])
     if numbers.get("speed"):
         draw("speed.png", plots.plot_speed)
-        bounds = Path(__file__).with_name("speed_bounds.md").read_text()
+        bounds = Path(__file__).with_name("speed_bounds.md").read_text(encoding="utf-8")
         write("speed.md", [SPEED_HEAD, *describe_run(numbers), *write_speed(numbers), bounds])
     if write_pictures(numbers):
         images = []
@@ -78,5 +78,5 @@ def write_report(numbers, folder):
 
 
 if __name__ == "__main__":
-    for path in write_report(json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[2])):
+    for path in write_report(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")), Path(sys.argv[2])):
         print(path)

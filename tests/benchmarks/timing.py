@@ -67,7 +67,7 @@ def describe_machine():
 def read_processor():
     """Return the processor's name as the system gives it."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor() or sys.platform
     return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")

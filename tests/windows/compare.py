@@ -80,7 +80,7 @@ def describe_user() -> dict[str, str]:
     values["file"] = bpy.data.filepath
     values["dirty"] = repr(bpy.data.is_dirty)
     recent = Path(bpy.utils.user_resource("CONFIG")) / "recent-files.txt"
-    values["recent"] = recent.read_text() if recent.exists() else ""
+    values["recent"] = recent.read_text(encoding="utf-8") if recent.exists() else ""
     values["objects"] = repr([(one.name, one.select_get(), list(one.matrix_world.row[0])) for one in scene.objects])
     values["pointers"] = repr(sorted(scene.keys()))
     return values

@@ -62,7 +62,7 @@ def play(steps: Iterable[Step]) -> None:
 
 def finish() -> None:
     """End Blender after the last step."""
-    (folder / "report.json").write_text(json.dumps(record, indent=1))
+    (folder / "report.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
     end(0)
 
 

@@ -42,7 +42,7 @@ def drive(script: str, folder: Path, blend: str = "still_life.blend") -> dict[st
     assert "Traceback" not in output, output
     for picture in folder.glob("*.png"):
         assert picture.stat().st_size > SMALLEST_PICTURE, picture
-    return json.loads((folder / "report.json").read_text())
+    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
 
 
 def test_rays_are_picked_drawn_and_cleared(tmp_path: Path) -> None:

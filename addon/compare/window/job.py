@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,13 @@ from typing import Any
 import bpy
 import numpy as np
 
+from raytracer.processes.folders import OwnedFolder, sweep
+from raytracer.processes.python import start_process
+
 from ..results import Outcome, Worst
 
 CHILD = Path(__file__).parents[1] / "child.py"
+FOLDER_PREFIX = "raytracer_compare_"
 
 
 class ComparisonError(Exception):
@@ -50,8 +53,8 @@ class Running:
     """A comparison that runs; `close` ends it and removes its files."""
 
     def __init__(self, scene: Any, view_layer: Any, kind: str, size: tuple[int, int], samples: int) -> None:
-        self._files = tempfile.TemporaryDirectory(prefix="raytracer_compare_")
-        self.folder = Path(self._files.name)
+        self._files = OwnedFolder(FOLDER_PREFIX)
+        self.folder = self._files.path
         package = CHILD.parents[1]
         self.job = Job(
             kind=kind,
@@ -69,10 +72,11 @@ class Running:
         )
         bpy.ops.wm.save_as_mainfile(filepath=self.job.blend, copy=True, check_existing=False, compress=False)
         description = self.folder / "job.json"
-        description.write_text(json.dumps(asdict(self.job)))
+        description.write_text(json.dumps(asdict(self.job)), encoding="utf-8")
         self._log = (self.folder / "log.txt").open("wb")
-        self._process = subprocess.Popen(
-            [*list_command(), str(description)], stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log
+        # Nothing is ever said to its standard input: its end is how it knows of ours.
+        self._process = start_process(
+            [*list_command(), str(description)], stdin=subprocess.PIPE, stdout=self._log, stderr=self._log
         )
 
     def is_done(self) -> bool:
@@ -86,7 +90,7 @@ class Running:
     def read_progress(self) -> float:
         """Return the share that is done, 0 to 1."""
         path = self.folder / "progress.txt"
-        return float(path.read_text()) if path.exists() else 0.0
+        return float(path.read_text(encoding="utf-8")) if path.exists() else 0.0
 
     def read_outcome(self) -> Outcome:
         """Return what came out.
@@ -97,16 +101,16 @@ class Running:
             If it failed, with the reason.
         """
         if self._process.returncode == 0:
-            plain = json.loads((self.folder / "outcome.json").read_text())
+            plain = json.loads((self.folder / "outcome.json").read_text(encoding="utf-8"))
             worst = [Worst(**entry) for entry in plain["worst"]]
             return Outcome(plain["kind"], plain["numbers"], np.load(self.folder / "heat.npy"), worst)
         reason = self.folder / "error.txt"
         if reason.exists():
-            raise ComparisonError(" ".join(reason.read_text().split()))
+            raise ComparisonError(" ".join(reason.read_text(encoding="utf-8").split()))
         raise ComparisonError(f"Blender ended with code {self._process.returncode}: {self._read_log_end()}")
 
     def _read_log_end(self) -> str:
-        lines = (self.folder / "log.txt").read_text(errors="replace").split("\n")
+        lines = (self.folder / "log.txt").read_text(encoding="utf-8", errors="replace").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
 
     def close(self) -> None:
@@ -114,8 +118,15 @@ class Running:
         if not self.is_done():
             self._process.kill()
             self._process.wait()
+        assert self._process.stdin is not None
+        self._process.stdin.close()
         self._log.close()
-        self._files.cleanup()
+        self._files.close()
+
+
+def remove_abandoned() -> None:
+    """Remove the files of comparisons whose Blender was killed."""
+    sweep(FOLDER_PREFIX)
 
 
 def list_command() -> list[str]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from . import operators, panels, properties, session
+from . import job, operators, panels, properties, session
 
 
 def register() -> None:
-    """Add operators, their results' properties and panels."""
+    """Add operators, their results' properties and panels; remove what a killed Blender left of its comparison."""
+    job.remove_abandoned()
     properties.register()
     operators.register()
     panels.register()

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.arrays.vectors import transform
+from raytracer.lecture import dot
 from raytracer.shading.nodes.operation import Array, Operation
 from raytracer.textures.sky_spectra import COLOR_MATCHING
 
@@ -38,9 +40,9 @@ def find_blackbody_color(temperature: Any) -> Array:
     """
     kelvin = np.clip(np.asarray(temperature, np.float64), COLDEST, HOTTEST)[..., np.newaxis]
     radiance = WAVELENGTHS**-5 / np.expm1(SECOND_RADIATION_CONSTANT / (WAVELENGTHS * kelvin))
-    x, y, z = np.moveaxis(radiance @ COLOR_MATCHING, -1, 0)
+    x, y, z = (dot(radiance, matching) for matching in COLOR_MATCHING.T)
     relative = np.stack([x / y, np.ones_like(y), z / y], axis=-1)
-    return np.maximum(relative @ RGB_FROM_XYZ.T, 0.0)
+    return np.maximum(transform(RGB_FROM_XYZ, relative), 0.0)
 
 
 OPERATIONS = {"BLACKBODY": Operation(find_blackbody_color, ("Temperature",), ("Color",))}

@@ -25,6 +25,6 @@ def test_rows_of_a_table_are_found_again(tmp_path):
     numbers |= {"passes": {"Depth": 0.5}, "ours_seconds": 1.0, "cycles_seconds": 2.0}
     row = agreement.format_row("glass", numbers)
     path = tmp_path / "agreement.md"
-    path.write_text(agreement.HEAD + row + "\n")
+    path.write_text(agreement.HEAD + row + "\n", encoding="utf-8")
     assert agreement.read_rows(path) == {"glass": row}
     assert "50.000% (Depth)" in row

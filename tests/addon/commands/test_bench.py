@@ -390,5 +390,5 @@ def test_report_writes_tables_and_plots(tmp_path: Path) -> None:
     names += ["convergence.png", "equal_error.png", "pictures.md"]
     assert [path.name for path in written] == names
     assert all(path.stat().st_size > 0 for path in written)
-    assert "| box | 1.0% | 0.50 | 0.50 | 0.40 |" in (tmp_path / "report" / "pictures.md").read_text()
-    assert "| box, camera | 1.5 |" in (tmp_path / "report" / "speed.md").read_text()
+    assert "| box | 1.0% | 0.50 | 0.50 | 0.40 |" in (tmp_path / "report" / "pictures.md").read_text(encoding="utf-8")
+    assert "| box, camera | 1.5 |" in (tmp_path / "report" / "speed.md").read_text(encoding="utf-8")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -73,6 +74,16 @@ def test_frames_write_a_file_each_with_the_passes_asked_for(blend: Path, tmp_pat
     assert blender_pass_name("Object Index").encode() in header
 
 
+def test_a_name_beyond_the_encoding_of_the_console_is_printed_with_escapes(blend: Path, tmp_path: Path) -> None:
+    out = tmp_path / "\u7d75\u753b.png"
+    command = [sys.executable, "-m", "addon", "render", blend, "-o", out, "--size", "8x8", "--samples", "1"]
+    environment = os.environ | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.endswith("\\u7d75\\u753b.png\n")
+    assert out.is_file()
+
+
 USER_ERRORS: tuple[tuple[Any, str], ...] = (
     (("nofile.blend", "-o", "{out}.png"), "nofile.blend: no such file"),
     (("Makefile", "-o", "{out}.png"), "Makefile: not a .blend file"),
@@ -102,12 +113,12 @@ def test_scene_without_camera_fails_and_keeps_the_old_picture(tmp_path: Path) ->
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     path, out = tmp_path / "empty.blend", tmp_path / "a.png"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
-    out.write_text("old")
+    out.write_text("old", encoding="utf-8")
     done = run_command("render", path, "-o", out)
     assert (done.returncode, done.stdout) == (1, "")
     assert "camera" in done.stderr
     assert done.stderr.count("\n") == 1
-    assert out.read_text() == "old"
+    assert out.read_text(encoding="utf-8") == "old"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from fractions import Fraction
 from types import SimpleNamespace
@@ -92,6 +93,22 @@ def test_stopping_ends_the_process_and_removes_its_files(stage: Any) -> None:
     assert bpy.ops.raytracer.cancel_compare() == {"FINISHED"}
     assert running.is_done()
     assert not running.folder.exists()
+
+
+def test_the_process_of_a_comparison_ends_with_its_parent(stage: Any) -> None:
+    running = job.Running(stage, bpy.context.view_layer, "cycles", (WIDTH, HEIGHT), 4096)
+    try:
+        progress = running.folder / "progress.txt"
+        end = time.perf_counter() + 120.0
+        while not progress.exists():
+            assert time.perf_counter() < end
+            assert not running.is_done()
+            time.sleep(0.05)
+        assert running._process.stdin is not None
+        running._process.stdin.close()  # as the system does for a parent that was killed
+        assert running._process.wait(timeout=10.0) == 1
+    finally:
+        running.close()
 
 
 def test_scene_without_camera_cannot_be_compared(stage: Any) -> None:

@@ -46,7 +46,7 @@ def blend(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run_blender(blend: Path | None, folder: Path, more: str, *arguments: object) -> subprocess.CompletedProcess[str]:
     """Run Blender on a file with the add-on and settings of this test, then `arguments`."""
     script = folder / "settings.py"
-    script.write_text(SETTINGS.format(root=str(ROOT), more=more))
+    script.write_text(SETTINGS.format(root=str(ROOT), more=more), encoding="utf-8")
     command = [BLENDER, "-b", *([blend] if blend else []), "--factory-startup", "--python-exit-code", "3", "-P", script]
     environment = {**os.environ, "BLENDER_USER_RESOURCES": str(folder)}
     return subprocess.run(

@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from addon import versions
+from addon.extract import meshes
 from addon.extract.scene import Extraction, extract_scene
 
 pytestmark = pytest.mark.blender
@@ -29,6 +30,24 @@ def add_mesh(vertices: Any, faces: Any, name: str = "Mesh") -> Any:
 
 def find_evaluated(shown: Any) -> Any:
     return shown.evaluated_get(bpy.context.evaluated_depsgraph_get())
+
+
+def test_blender_copies_memory_into_all_buffers(empty_scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    bpy.ops.mesh.primitive_monkey_add()
+    bpy.context.object.data.attributes.new("count", "INT", "FACE")
+    made = np.empty
+    letters: list[str] = []
+
+    def note(*arguments: Any, **keywords: Any) -> Any:
+        array = made(*arguments, **keywords)
+        letters.append(array.dtype.char)
+        return array
+
+    monkeypatch.setattr(meshes.np, "empty", note)
+    extract()
+    monkeypatch.undo()
+    assert "I" in letters
+    assert not {"l", "L"} & set(letters)  # C's long: what np.int32 and np.uint32 are on Windows
 
 
 def test_positions_equal_evaluated_vertices_of_modified_mesh(empty_scene: Any) -> None:

@@ -196,7 +196,7 @@ except AttributeError as error:
 @pytest.fixture
 def examples():
     """Return the README's examples, run in order on the still life with its object of most vertices active."""
-    section = (ROOT / "README.md").read_text().split("## Many rays at once\n")[1].split("\n## ")[0]
+    section = (ROOT / "README.md").read_text(encoding="utf-8").split("## Many rays at once\n")[1].split("\n## ")[0]
     bpy.ops.wm.open_mainfile(filepath=str(ROOT / "blend_scenes" / "still_life.blend"), load_ui=False)
     meshes = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
     bpy.context.view_layer.objects.active = max(meshes, key=lambda thing: len(thing.data.vertices))

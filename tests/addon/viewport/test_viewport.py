@@ -33,6 +33,7 @@ from tests.addon.viewport.viewport_fixtures import (
     project,
     update,
 )
+from tests.portable import kill
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
 
@@ -290,7 +291,7 @@ def test_session_takes_another_process_for_one_that_ended(watch: Watch) -> None:
     watch.update()
     watch.look()
     watch.wait()
-    watch.session._live._process.kill()
+    kill(watch.session._live.process_id)
     end = time.perf_counter() + PATIENCE
     while watch.session.status.startswith("Sample"):
         assert time.perf_counter() < end

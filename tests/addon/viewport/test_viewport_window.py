@@ -16,6 +16,8 @@ from typing import Any
 
 import pytest
 
+from tests.portable import is_running
+
 BLENDER = os.environ.get("BLENDER", "")
 NO_SCREEN = ("Unable to open a display", "initialization failed", "cannot open display")
 
@@ -45,7 +47,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         pytest.skip("Blender found no screen to open a window on")
     path = folder / "report.json"
     assert path.exists(), output
-    found: dict[str, Any] = json.loads(path.read_text())
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     assert done.returncode == 0, output
     assert "error" not in found, found["error"]
     assert "Traceback" not in output, output
@@ -78,9 +80,7 @@ def wait_for_end(process: int) -> None:
     """Wait until a process is no more; it notices by itself that Blender has gone."""
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
-        try:
-            os.kill(process, 0)
-        except ProcessLookupError:
+        if not is_running(process):
             return
         time.sleep(0.1)
     pytest.fail(f"process {process} stayed behind")

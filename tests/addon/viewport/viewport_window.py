@@ -151,7 +151,7 @@ def watch_arrival(live: Any, job: int) -> Callable[[float], dict[str, float]]:
 
 def measure_work(live: Any) -> float:
     """Return the processor seconds of the render process so far."""
-    fields = Path(f"/proc/{live.process_id}/stat").read_text().rsplit(")", 1)[1].split()
+    fields = Path(f"/proc/{live.process_id}/stat").read_text(encoding="utf-8").rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
@@ -283,7 +283,7 @@ def redraw_often() -> Iterator[None]:
 
 
 def read_memory() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
     return pages * resource.getpagesize() / 1e6
 
 
@@ -355,7 +355,7 @@ def run_steps() -> Iterator[None]:
 
 
 def save_report() -> None:
-    (FOLDER / "report.json").write_text(json.dumps(report, indent=1))
+    (FOLDER / "report.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
 
 
 steps = run_steps()

@@ -7,14 +7,27 @@ import subprocess
 import sys
 import textwrap
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import raytracer
+from raytracer.lights.area_lights import unit_axes
+from raytracer.processes import child
 from raytracer.processes.python import ONE_THREAD
 from raytracer.processes.workers import WorkerError, Workers
+from raytracer.scene.camera import Camera
+from raytracer.scene.lights import AreaLight
+from raytracer.scene.scene import Scene
+from raytracer.scene.shapes import Mesh
 from tests.folders import ROOT
+from tests.portable import count_handles, is_running, kill
+
+# Seconds; a test that waits longer has failed.
+PATIENCE = 60.0
+# What the system says of a process that was killed.
+KILLED = "-9" if os.name == "posix" else "15"
+needs_sigstop = pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="processes cannot be stopped here")
 
 # Workers import this by name: it stands in for what the renderer loads.
 FUNCTIONS = """
@@ -66,27 +79,26 @@ FUNCTIONS = """
 
     def tell_environment(job):
         return dict(os.environ), sorted(sys.modules), sys.path
+
+    def use_up_memory(job):
+        import numpy
+        return numpy.empty(1 << 60, numpy.uint8)
+
+    def read_standard_input(job):
+        return sys.stdin.read()
 """
 
 
 @pytest.fixture
 def functions(tmp_path, monkeypatch):
     """Return a module that workers can import, from a folder that only this process's sys.path tells of."""
-    (tmp_path / "worker_functions.py").write_text(textwrap.dedent(FUNCTIONS))
+    (tmp_path / "worker_functions.py").write_text(textwrap.dedent(FUNCTIONS), encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     sys.modules.pop("worker_functions", None)
     import worker_functions  # type: ignore[import-not-found]
 
     yield worker_functions
     sys.modules.pop("worker_functions", None)
-
-
-def is_running(process_id: int) -> bool:
-    try:
-        os.kill(process_id, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 def test_results_come_in_the_order_of_the_jobs(functions):
@@ -170,8 +182,8 @@ def test_killed_workers_give_one_error_and_no_hang(functions):
     with Workers(2) as workers:
         workers.load(functions.make, "sleep_long")
         for process_id in workers.process_ids:
-            os.kill(process_id, signal.SIGKILL)
-        with pytest.raises(WorkerError, match=r"^a worker process ended unexpectedly \(exit code -9\)$"):
+            kill(process_id)
+        with pytest.raises(WorkerError, match=rf"^a worker process ended unexpectedly \(exit code {KILLED}\)$"):
             list(workers.run(range(100)))
         with pytest.raises(WorkerError, match="ended unexpectedly"):
             workers.load(functions.make, "sleep_long")
@@ -186,7 +198,7 @@ def test_what_workers_print_does_not_mix_with_their_answers(functions):
 def test_workers_use_one_thread_and_neither_bpy_nor_the_working_directory(functions, tmp_path, monkeypatch):
     trap = tmp_path / "trap"
     trap.mkdir()
-    (trap / "random.py").write_text("raise SystemExit('imported from the working directory')")
+    (trap / "random.py").write_text("raise SystemExit('imported from the working directory')", encoding="utf-8")
     monkeypatch.chdir(trap)
     with Workers(1) as workers:
         workers.load(functions.make, "tell_environment")
@@ -196,15 +208,120 @@ def test_workers_use_one_thread_and_neither_bpy_nor_the_working_directory(functi
     assert str(trap) not in path
 
 
-def test_no_files_are_left_behind(functions, tmp_path, monkeypatch):
+def test_nothing_is_written_to_the_temporary_folder(functions, tmp_path, monkeypatch):
     folder = tmp_path / "temporary"
     folder.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(folder))
     with Workers(2) as workers:
-        workers.load(functions.Scale, np.arange(1000.0))
-        assert [path for path in folder.rglob("*") if path.is_file()] == []
-        assert list(workers.run([5])) == [5.0]
+        for size in (1000, 2000):
+            workers.load(functions.Scale, np.arange(float(size)))
+            assert list(folder.iterdir()) == []
+        assert list(workers.run([1005])) == [1005.0]
     assert list(folder.iterdir()) == []
+
+
+def test_no_room_for_shared_arrays_is_said(functions, monkeypatch):
+    def refuse(ticket):
+        raise OSError(28, "No space left on device")
+
+    with Workers(1) as workers:
+        monkeypatch.setattr("raytracer.processes.shared_memory._make_memory", refuse)
+        with pytest.raises(WorkerError, match=r"^no room for what the workers share: No space left on device$"):
+            workers.load(functions.Scale, np.arange(1000.0))
+        monkeypatch.undo()
+        workers.load(functions.Scale, np.arange(1000.0))
+        assert list(workers.run([5])) == [5.0]
+
+
+def test_want_of_memory_is_said_in_words(functions):
+    with Workers(1) as workers:
+        workers.load(functions.make, "use_up_memory")
+        with pytest.raises(WorkerError, match=r"^a worker process failed: not enough memory; fewer workers need less"):
+            list(workers.run([0]))
+
+
+def test_a_job_that_reads_standard_input_finds_it_empty(functions):
+    with Workers(1) as workers:
+        workers.load(functions.make, "read_standard_input")
+        assert list(workers.run([0, 1])) == ["", ""]
+
+
+def make_lit_scene() -> Scene:
+    """A scene with all that a render keeps something of: a mesh, and a lamp with axes of its own."""
+    return Scene(
+        meshes=[Mesh([(-2.0, -2.0, -3.0), (2.0, -2.0, -3.0), (0.0, 2.0, -3.0)], [(0, 1, 2)])],
+        lights=[AreaLight((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), 30.0)],
+        camera=Camera(np.eye(4)),
+    )
+
+
+class Renderer:
+    """Renders and tells how many handles its process has open."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.film = raytracer.render(scene, 4, 4, samples=1)
+
+    def __call__(self, job: int) -> int:
+        return count_handles()
+
+
+def count_handles_of_renders(renders: int) -> list[int]:
+    scene, counts = make_lit_scene(), []
+    with Workers(1) as workers:
+        for _ in range(renders):
+            workers.load(Renderer, scene)
+            counts += workers.run([0])
+    return counts
+
+
+# The first few find modules and tables that were not there yet.
+SETTLED = 5
+
+
+def test_handles_do_not_pile_up_in_a_pool_that_is_used_again():
+    counts = count_handles_of_renders(40)
+    assert max(counts[SETTLED:]) <= max(counts[:SETTLED])
+
+
+@pytest.mark.slow
+def test_handles_stay_the_same_over_1300_renders_on_one_pool():
+    counts = count_handles_of_renders(1300)
+    assert max(counts[SETTLED:]) <= max(counts[:SETTLED])
+
+
+def test_axes_of_a_lamp_go_with_it():
+    from raytracer.lights import area_lights
+
+    before = len(area_lights._AXES)
+    light = make_lit_scene().lights[0]
+    assert unit_axes(light) is unit_axes(light)
+    assert len(area_lights._AXES) == before + 1
+    del light
+    assert len(area_lights._AXES) == before
+
+
+@needs_sigstop
+@pytest.mark.parametrize("when", ["at work", "before it is loaded"])
+def test_a_stopped_worker_is_noticed(functions, monkeypatch, when):
+    monkeypatch.setattr(child, "SILENCE_SECONDS", 0.5)
+    with Workers(2) as workers:
+        workers.load(functions.make, "sleep_less_later")
+        assert list(workers.run(range(4))) == [0, 1, 2, 3]
+        results = workers.run(range(100))
+        if when == "at work":
+            next(results)
+        os.kill(workers.process_ids[0], signal.SIGSTOP)
+        with pytest.raises(WorkerError, match=r"^a worker process gave no sign of life for \d+ seconds and was ended$"):
+            workers.load(functions.make, "sleep_less_later") if when != "at work" else list(results)
+
+
+def test_a_worker_that_is_busy_gives_signs_of_life(functions, monkeypatch):
+    monkeypatch.setattr(child, "SILENCE_SECONDS", 3.0)
+    with Workers(1) as workers:
+        workers.load(functions.make, "sleep_long")
+        end = time.perf_counter() + 5.0
+        assert list(workers.run([0], lambda: time.perf_counter() > end)) == []
+        assert workers._workers[0].child.channel.heard > 3
 
 
 def test_script_without_main_guard_is_not_run_again(functions, tmp_path):
@@ -217,7 +334,8 @@ def test_script_without_main_guard_is_not_run_again(functions, tmp_path):
             with Workers(2) as workers:
                 workers.load(worker_functions.make, "sleep_less_later")
                 print(sum(workers.run(range(10))))
-        """)
+        """),
+        encoding="utf-8",
     )
     paths = os.pathsep.join([str(ROOT), str(tmp_path)])
     done = subprocess.run(
@@ -231,34 +349,33 @@ def test_script_without_main_guard_is_not_run_again(functions, tmp_path):
     assert done.stderr == ""
 
 
-def test_workers_end_when_their_parent_is_killed(functions, tmp_path):
+def test_workers_end_at_once_when_their_parent_is_killed(functions, tmp_path):
     script = tmp_path / "parent.py"
     script.write_text(
         textwrap.dedent("""
-            import time
+            import worker_functions
             from raytracer.processes.workers import Workers
-            print(*Workers(2).process_ids, flush=True)
-            time.sleep(60)
-        """)
+            workers = Workers(2)
+            workers.load(worker_functions.make, "sleep_long")
+            print(*workers.process_ids, flush=True)
+            list(workers.run(range(9)))
+        """),
+        encoding="utf-8",
     )
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    paths = os.pathsep.join([str(ROOT), str(tmp_path)])
+    environment = os.environ | {"PYTHONPATH": paths} | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
     with subprocess.Popen([sys.executable, str(script)], env=environment, stdout=subprocess.PIPE) as parent:
         assert parent.stdout is not None
         ids = [int(word) for word in parent.stdout.readline().split()]
         assert len(ids) == 2
+        assert all(is_running(process_id) for process_id in ids)
+        time.sleep(0.5)  # both are at work by now
         parent.kill()
-    # Whoever adopts them reaps them; a zombie still answers to its id, so its state decides.
-    for process_id in ids:
-        wait_until_gone(process_id)
-
-
-def wait_until_gone(process_id: int) -> None:
-    """Return once the process has ended (reaped or not); the test run's own timeout is the limit."""
-    state = Path(f"/proc/{process_id}/stat")
-    while state.exists():
-        try:
-            if state.read_text().rpartition(")")[2].split()[0] == "Z":
-                return
-        except (FileNotFoundError, ProcessLookupError):
-            return
+    # Jobs of a minute are under way: only an end that does not wait for them is in time.
+    end = time.perf_counter() + PATIENCE / 10
+    while any(is_running(process_id) for process_id in ids):
+        assert time.perf_counter() < end, "a worker lives on"
         time.sleep(0.01)
+    assert list(folder.iterdir()) == []

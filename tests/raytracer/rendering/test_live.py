@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -16,7 +17,9 @@ import pytest
 
 from raytracer import render
 from raytracer.bsdfs import microfacet_albedo
-from raytracer.rendering.live import Live, describe_error, warm_up
+from raytracer.processes import child
+from raytracer.processes.child import describe_error
+from raytracer.rendering.live import Live, warm_up
 from raytracer.rendering.progressive import Picture, Target
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import PointLight
@@ -24,6 +27,7 @@ from raytracer.scene.materials import Closure, Material
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Mesh
 from tests.folders import ROOT
+from tests.portable import is_running, kill
 
 CAMERA = Camera(np.eye(4))
 SETTINGS = {"integrator": "path", "pixel_filter": "box", "filter_width": 1.0}
@@ -54,6 +58,10 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.002)
 
 
+def wait_for_news(live: Live) -> None:
+    wait_for(lambda: live.has_news)
+
+
 def wait_for_last(live: Live) -> Picture:
     wait_for(lambda: live.report is not None and live.report.job == live._job and live.report.is_finished)
     picture = live.read_picture()
@@ -64,14 +72,6 @@ def wait_for_last(live: Live) -> Picture:
 def expect(scene: Scene, target: Target) -> np.ndarray:
     film = render(replace(scene, camera=target.camera), target.width, target.height, target.samples, **target.settings)
     return film["Combined"][::-1]
-
-
-def is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 def test_the_last_picture_is_that_of_render(live: Live) -> None:
@@ -136,7 +136,7 @@ def test_errors_are_sentences() -> None:
 def test_the_end_of_the_process_is_noticed(live: Live) -> None:
     live.set_scene(make_scene())
     live.draw(ENDLESS, "certified")
-    live._process.kill()
+    kill(live.process_id)
     wait_for(lambda: not live.is_running and live.report is not None and bool(live.report.error))
     assert live.report is not None
     assert "ended unexpectedly" in live.report.error
@@ -156,20 +156,72 @@ def test_forget_drops_pictures_and_reports(live: Live) -> None:
     np.testing.assert_array_equal(wait_for_last(live).pixels, expect(make_scene(-4.0), TARGET))
 
 
-def test_close_leaves_nothing_behind() -> None:
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the temporary folder of this process and its children, empty."""
+    found = tmp_path / "temporary"
+    found.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(found))
+    for name in ("TMPDIR", "TEMP", "TMP"):
+        monkeypatch.setenv(name, str(found))
+    return found
+
+
+def test_close_leaves_nothing_behind(folder: Path) -> None:
     threads = threading.active_count()
     live = Live()
     live.set_scene(make_scene())
     live.draw(ENDLESS, "certified")
     wait_for(lambda: live.report is not None)
-    folder = Path(live._directory.name)
+    held = live.read_picture()
     live.close()
     live.close()
     live.set_scene(make_scene(-4.0))
     live.draw(TARGET, "certified")
-    assert not is_alive(live.process_id)
-    assert not folder.exists()
+    assert not is_running(live.process_id)
+    assert held is not None
+    assert np.isfinite(held.pixels).all()
+    assert list(folder.iterdir()) == []
     assert threading.active_count() == threads
+
+
+@pytest.mark.parametrize("edits", [20, pytest.param(100, marks=pytest.mark.slow)])
+def test_edits_kills_and_closes_leave_nothing_in_the_temporary_folder(folder: Path, edits: int) -> None:
+    positions = np.random.default_rng(5).normal(size=(5000, 3))
+    triangles = np.arange(4998).reshape(-1, 3)
+    live = Live()
+    for step in range(edits):
+        if step % 20 == 13:
+            kill(live.process_id)
+        if step % 20 in (7, 13):
+            live.close()
+            live = Live()
+        live.set_scene(replace(make_scene(), meshes=[Mesh(positions + step / 100, triangles)]))
+        live.draw(replace(TARGET, width=48 + step, samples=1), "float64")
+        if step % 20 == 19:
+            wait_for_news(live)
+            assert live.read_picture() is not None
+        assert list(folder.iterdir()) == []
+    live.close()
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="processes cannot be stopped here")
+def test_a_stopped_process_is_noticed_and_nothing_waits_for_it(live: Live, monkeypatch: pytest.MonkeyPatch) -> None:
+    live.set_scene(make_scene())
+    live.draw(TARGET, "certified")
+    wait_for_last(live)
+    os.kill(live.process_id, signal.SIGSTOP)
+    large = np.random.default_rng(5).normal(size=(100_000, 3))
+    begun = time.perf_counter()
+    for step in range(200):  # more than any pipe holds
+        live.set_scene(replace(make_scene(), meshes=[Mesh(large + step, [(0, 1, 2)])] if step < 5 else []))
+        live.draw(replace(TARGET, settings=SETTINGS | {"seed": step}), "certified")
+    assert time.perf_counter() - begun < PATIENCE / 10
+    monkeypatch.setattr(child, "SILENCE_SECONDS", 1.0)
+    wait_for(lambda: not live.is_running and live.report is not None and bool(live.report.error))
+    assert live.report is not None
+    assert live.report.error.startswith("the render process gave no sign of life for ")
 
 
 def test_the_process_ends_with_its_parent() -> None:
@@ -181,10 +233,4 @@ def test_the_process_ends_with_its_parent() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE)
     process = int(done.stdout)
-    wait_for(lambda: not is_alive(process) or is_zombie(process))
-
-
-def is_zombie(process: int) -> bool:
-    """True for a process that has ended and that nobody has asked about."""
-    stat = Path(f"/proc/{process}/stat")
-    return stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    wait_for(lambda: not is_running(process))
