@@ -91,7 +91,7 @@ def spot_attenuation(light: SpotLight, directions: Floats) -> Floats:
     directions : (n, 3) float64, from the lit points to the light
     """
     a, b, c = (light.world_from_light / np.abs(light.world_from_light).max()).T
-    # Cramer's rule; the rows of the inverse are (b x c, c x a, a x b) / D, D the determinant, of which the sign is left.
+    # Cramer's rule: the rows of the inverse are (b x c, c x a, a x b) / D; of the determinant D the sign is left.
     inverse = np.stack([cross(b, c), cross(c, a), cross(a, b)]) * np.sign(dot(a, cross(b, c)))
     local = normalize(transform(inverse, -directions))
     edge = np.cos(light.spot_size / 2.0)
