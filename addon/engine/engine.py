@@ -163,7 +163,7 @@ def trace(
         caster=caster,
         passes=enabled_passes(depsgraph.view_layer_eval),
         border=border,
-        on_pass=progress.show_pass,
+        on_sweep=progress.show_pass,
         on_progress=progress.show_share,
         is_cancelled=engine.test_break,
         **settings,

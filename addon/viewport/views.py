@@ -47,7 +47,7 @@ class Window:
 
 
 @dataclass(frozen=True)
-class View:
+class RegionView:
     """What a region shows: the camera of its frame, width x height pixels, and the part that is drawn; None = all."""
 
     camera: raytracer.Camera
@@ -60,7 +60,7 @@ class EmptyBorderError(Exception):
     """A border that holds no pixel of the region."""
 
 
-def read_view(region: Any, region_data: Any, space: Any, scene: Any) -> View:
+def read_view(region: Any, region_data: Any, space: Any, scene: Any) -> RegionView:
     """Return what a region shows of an evaluated scene.
 
     Raises
@@ -77,10 +77,10 @@ def read_view(region: Any, region_data: Any, space: Any, scene: Any) -> View:
         matrix = np.linalg.inv(np.array(region_data.view_matrix, dtype=np.float64))
         matrix[3] = (0.0, 0.0, 0.0, 1.0)
         camera = show_window(pinhole(matrix, find_clip(space, window)), window)
-        return View(camera, *size, find_border(space.use_render_border, read_borders(space, "render_"), size))
+        return RegionView(camera, *size, find_border(space.use_render_border, read_borders(space, "render_"), size))
     lens = read_camera(seen_from, scene.render, WarningList())
     fractions = place_in_window(read_borders(scene.render, ""), find_frame(lens, scene.render), window)
-    return View(show_window(lens, window), *size, find_border(scene.render.use_border, fractions, size))
+    return RegionView(show_window(lens, window), *size, find_border(scene.render.use_border, fractions, size))
 
 
 def find_camera(region_data: Any, space: Any, scene: Any) -> Any:

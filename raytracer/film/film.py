@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Floats
+from raytracer.arrays.types import Floats, Indices
 from raytracer.film.passes import CAUGHT, PASSES, STORED, select_passes
 
 
@@ -40,7 +40,7 @@ class Film:
 
     width, height : pixels
     names : the passes, names from PASSES
-    samples : finished passes over the whole film
+    samples : finished sweeps over the whole film
     cancelled : True where the render was stopped before the last sample
     catches : True where Combined is completed by what shadow catchers show
 
@@ -68,19 +68,19 @@ class Film:
         self._sums = {name: np.zeros((pixels, STORED[name].channels)) for name in stored}
         self._counts = np.zeros(pixels, dtype=np.int32)
 
-    def add(self, pixels: slice, values: Mapping[str, Floats]) -> None:
-        """Add one sample of each mean pass to a run of pixels.
+    def add(self, pixels: slice | Indices, values: Mapping[str, Floats]) -> None:
+        """Add one sample of each mean pass to some pixels.
 
         Parameters
         ----------
-        pixels : slice of the film's pixels, counted along rows from the LOWER left, as the camera counts
+        pixels : of the film, numbered along rows from the LOWER left, as the camera counts; none twice
         values : (n, channels) float64 for each mean pass of the film
         """
         for name in self._means:
             self._sums[name][pixels] += values[name]
         self._counts[pixels] += 1
 
-    def set_centre(self, pixels: slice, values: Mapping[str, Floats]) -> None:
+    def set_centre(self, pixels: slice | Indices, values: Mapping[str, Floats]) -> None:
         """Store the passes that come from the pixel's centre; parameters as `add`."""
         for name in select_passes(self.names, from_centre=True):
             self._sums[name][pixels] = values[name]

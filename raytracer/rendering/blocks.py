@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from raytracer.arrays.types import Floats
+from raytracer.arrays.types import Floats, Indices
 from raytracer.casting.caster import Caster
 from raytracer.film.camera import primary_rays
 from raytracer.film.passes import select_passes
@@ -56,17 +56,32 @@ class FrameWindow:
     interleaving: int = 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Block:
-    """Consecutive samples of a run of the view's pixels, counted along its rows.
+    """Consecutive samples of some of the window's pixels, which are numbered along its rows.
 
-    Small pictures are traced several samples at a time; a run shorter than the picture has one.
+    Small pictures are traced several samples at a time; a part of a picture has one.
+
+    sample : number of the first
+    start, stop : the pixels of a run
+    samples : how many of each pixel
+    chosen : (n,) intp, ascending numbers of the pixels, where they are no run
     """
 
     sample: int
     start: int
     stop: int
     samples: int = 1
+    chosen: Indices | None = None
+
+    def __len__(self) -> int:
+        """Return the number of pixels."""
+        return self.stop - self.start if self.chosen is None else len(self.chosen)
+
+    @property
+    def pixels(self) -> slice | Indices:
+        """What indexes the block's pixels among the window's."""
+        return slice(self.start, self.stop) if self.chosen is None else self.chosen
 
 
 @dataclass(frozen=True)
@@ -98,46 +113,46 @@ def make_window(scene: Scene, width: int, height: int, settings: Settings) -> Fr
     return FrameWindow(scene.camera, width, height, x_min, y_min, x_max - x_min, y_max - y_min, interleaving)
 
 
-def count_passes(settings: Settings) -> int:
-    """Return the number of passes over the picture: one will do if nothing but pixel centres is asked for."""
+def count_sweeps(settings: Settings) -> int:
+    """Return the number of sweeps over the picture: one will do if nothing but pixel centres is asked for."""
     return settings.samples if select_passes(settings.passes, from_centre=False) else 1
 
 
 class BlockPlan:
-    """Cuts the passes into blocks of about BLOCK_SECONDS, learning from those that are done.
+    """Cuts the sweeps into blocks of about BLOCK_SECONDS, learning from those that are done.
 
-    A block is several passes or an even part of one.
+    A sweep is one sample of every pixel; a block is several sweeps or an even part of one.
     """
 
-    def __init__(self, pixels: int, passes: int, largest: int) -> None:
+    def __init__(self, pixels: int, sweeps: int, largest: int) -> None:
         self.pixels = pixels
-        self.passes = passes
+        self.sweeps = sweeps
         self._largest = largest
         self._size = min(largest, SMALLEST_BLOCK)
 
     def __iter__(self) -> Iterator[Block]:
         sample = start = 0
-        while sample < self.passes:
+        while sample < self.sweeps:
             rest = self.pixels - start
             stop = start + -(-rest // -(-rest // self._size))
             together = max(1, self._size // self.pixels) if start == 0 else 1
-            block = Block(sample, start, stop, min(together, self.passes - sample))
+            block = Block(sample, start, stop, min(together, self.sweeps - sample))
             yield block
             start = stop % self.pixels
             sample += block.samples if start == 0 else 0
 
     def observe(self, result: BlockResult) -> None:
         """Set the size of the next blocks by how long this one took; at most twice its size."""
-        size = (result.block.stop - result.block.start) * result.block.samples
+        size = len(result.block) * result.block.samples
         if size < self._size // 2:
-            return  # the short rest of a pass says little about the others
+            return  # the short rest of a sweep says little about the others
         size = int(size * BLOCK_SECONDS / max(result.seconds, BLOCK_SECONDS / 2))
         self._size = min(max(size, SMALLEST_BLOCK), self._largest)
 
     def share_done(self, block: Block) -> float:
         """Return the share of all work that is done with this block."""
         done = block.sample * self.pixels + block.stop + (block.samples - 1) * self.pixels
-        return done / (self.passes * self.pixels)
+        return done / (self.sweeps * self.pixels)
 
 
 def trace_blocks(
@@ -167,13 +182,13 @@ class BlockTracer:
         self,
         scene: Scene,
         caster: Caster,
-        view: FrameWindow,
+        window: FrameWindow,
         settings: Settings,
         is_cancelled: Callable[[], bool] = _never,
     ) -> None:
-        self._view = view
+        self._window = window
         self._settings = settings
-        self._resolution = (view.full_width, view.full_height)
+        self._resolution = (window.full_width, window.full_height)
         self._caster = WatchedCaster(caster, is_cancelled)
         self._integrator = self._prepare(scene, from_centre=False)
         self._centre_integrator = self._prepare(scene, from_centre=True)
@@ -188,16 +203,16 @@ class BlockTracer:
     def __call__(self, block: Block) -> BlockResult:
         """Trace one block; raises CancelledError if the user did so meanwhile."""
         started, rays_before = time.perf_counter(), self._caster.rays
-        samples, column, row = locate_pixels(self._view, block, self._settings.seed)
+        samples, column, row = locate_pixels(self._window, block, self._settings.seed)
         values: Mapping[str, Floats] = {}
         centre_values = None
         if self._integrator:
             pair = samples.uniform_pair(FILTER_DIMENSION)
             offset = sample_pixel_filter(pair, self._settings.pixel_filter, cast(float, self._settings.filter_width))
-            lens = samples.uniform_pair(LENS_DIMENSION) if self._view.camera.aperture_radius > 0 else None
+            lens = samples.uniform_pair(LENS_DIMENSION) if self._window.camera.aperture_radius > 0 else None
             values = self._trace(self._integrator, column + offset[:, 0], row + offset[:, 1], samples, lens)
         if self._centre_integrator and block.sample == 0:
-            first = slice(0, block.stop - block.start)
+            first = slice(0, len(block))
             centre_values = self._trace(self._centre_integrator, column[first], row[first], samples.select(first))
         rays, seconds = self._caster.rays - rays_before, time.perf_counter() - started
         return BlockResult(block, values, centre_values, rays, seconds)
@@ -205,21 +220,22 @@ class BlockTracer:
     def _trace(
         self, integrator: Integrator, x: Floats, y: Floats, samples: SobolSamples, lens: Floats | None = None
     ) -> Mapping[str, Floats]:
-        rays = primary_rays(self._view.camera, self._view.full_width, self._view.full_height, x, y, lens)
+        rays = primary_rays(self._window.camera, self._window.full_width, self._window.full_height, x, y, lens)
         return trace(integrator, rays, samples)
 
 
-def locate_pixels(view: FrameWindow, block: Block, seed: int) -> tuple[SobolSamples, Floats, Floats]:
+def locate_pixels(window: FrameWindow, block: Block, seed: int) -> tuple[SobolSamples, Floats, Floats]:
     """Return a block's samples, one sample of all its pixels after the other, and the pixels' centres (x, y).
 
     Pixels are numbered within the full picture, so that a border changes none of them.
     """
-    row, column = np.divmod(np.arange(block.start, block.stop, dtype=np.int64), view.width)
-    row += view.y_min
-    column += view.x_min
-    pixel = (row * view.full_width + column).astype(np.uint32)
+    numbers = np.arange(block.start, block.stop, dtype=np.int64) if block.chosen is None else block.chosen
+    row, column = np.divmod(numbers, window.width)
+    row += window.y_min
+    column += window.x_min
+    pixel = (row * window.full_width + column).astype(np.uint32)
     sample = np.repeat(np.arange(block.sample, block.sample + block.samples, dtype=np.uint32), len(pixel))
-    side, group = view.interleaving, None
+    side, group = window.interleaving, None
     if side:
         group = np.tile((row % side * side + column % side).astype(np.uint8), block.samples)
     pixel, column, row = (np.tile(values, block.samples) for values in (pixel, column, row))

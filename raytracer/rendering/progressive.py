@@ -131,7 +131,7 @@ def render_coarse(
     target: Target,
     factor: int,
     samples: int,
-    on_pass: Callable[[Film, int, int], None],
+    on_sweep: Callable[[Film, int, int], None],
     is_cancelled: Callable[[], bool],
 ) -> Film:
     """Render the target in pixels of factor x factor; those at the right and upper edge may reach over it."""
@@ -143,7 +143,7 @@ def render_coarse(
         samples,
         caster=caster,
         border=coarsen_border(target.border, factor),
-        on_pass=on_pass,
+        on_sweep=on_sweep,
         is_cancelled=is_cancelled,
         **target.settings,
     )

@@ -1,4 +1,4 @@
-"""The render loop: passes over the picture, each one sample of every pixel, in blocks of pixels.
+"""The render loop: sweeps over the picture, each one sample of every pixel, in blocks of pixels.
 
 Primary rays through the pixels' samples, what the integrator sees along them, and the film that adds it up. A value
 depends on pixel, sample number and seed alone, so the picture is the same bit for bit for any block size, border and
@@ -19,10 +19,10 @@ from raytracer.integrator.integrator import catches_shadows
 from raytracer.integrator.settings import Settings
 from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers
-from raytracer.rendering.blocks import BlockPlan, BlockResult, _never, count_passes, make_window, trace_blocks
+from raytracer.rendering.blocks import BlockPlan, BlockResult, _never, count_sweeps, make_window, trace_blocks
 from raytracer.scene.scene import Scene
 
-PassCallback = Callable[[Film, int, int], None]
+SweepCallback = Callable[[Film, int, int], None]
 
 
 def render(
@@ -33,7 +33,7 @@ def render(
     *,
     caster: Caster | None = None,
     workers: int | Pool = 1,
-    on_pass: PassCallback | None = None,
+    on_sweep: SweepCallback | None = None,
     on_progress: Callable[[float], None] | None = None,
     is_cancelled: Callable[[], bool] | None = None,
     **settings: Any,
@@ -46,7 +46,7 @@ def render(
     samples : rays per pixel
     caster : what `raytracer.build(scene)` returned, to save building it again
     workers : number of processes, or a Pool, such as Workers that are running already (they keep running)
-    on_pass : called with (film, done, total) after each pass over the picture; the film can be read meanwhile
+    on_sweep : called with (film, done, total) after each sweep over the picture; the film can be read meanwhile
     on_progress : called with the finished share, 0 to 1, after each block of pixels
     is_cancelled : asked several times a second; True ends the render with the film as it is
     settings : the other fields of `Settings` by name
@@ -77,9 +77,9 @@ def render(
     """
     count = len(workers) if isinstance(workers, Pool) else workers
     chosen = Settings(samples=samples, workers=count, **settings)
-    view = make_window(scene, width, height, chosen)
-    film = Film(view.width, view.height, chosen.passes, catches=catches_shadows(derive_features(scene), chosen))
-    plan = BlockPlan(view.width * view.height, count_passes(chosen), chosen.block_size)
+    window = make_window(scene, width, height, chosen)
+    film = Film(window.width, window.height, chosen.passes, catches=catches_shadows(derive_features(scene), chosen))
+    plan = BlockPlan(window.width * window.height, count_sweeps(chosen), chosen.block_size)
     started = time.perf_counter()
     caster = caster or build(scene, chosen.precision)
     film.statistics.build_seconds = time.perf_counter() - started
@@ -87,9 +87,9 @@ def render(
         pool = workers if isinstance(workers, Pool) else None
         if chosen.workers > 1 and pool is None:
             pool = stack.enter_context(Workers(chosen.workers))
-        results = trace_blocks(pool, (scene, caster, view, chosen), plan, is_cancelled or _never)
-        accumulate(film, plan, results, on_pass, on_progress)
-    film.cancelled = film.samples < plan.passes
+        results = trace_blocks(pool, (scene, caster, window, chosen), plan, is_cancelled or _never)
+        accumulate(film, plan, results, on_sweep, on_progress)
+    film.cancelled = film.samples < plan.sweeps
     return film
 
 
@@ -97,7 +97,7 @@ def accumulate(
     film: Film,
     plan: BlockPlan,
     results: Iterable[BlockResult],
-    on_pass: PassCallback | None,
+    on_sweep: SweepCallback | None,
     on_progress: Callable[[float], None] | None,
 ) -> None:
     """Add results to the film as they come, and tell the callbacks."""
@@ -110,14 +110,13 @@ def accumulate(
             on_progress(plan.share_done(result.block))
         if result.block.stop == plan.pixels:
             film.samples += result.block.samples
-            if on_pass:
-                on_pass(film, film.samples, plan.passes)
+            if on_sweep:
+                on_sweep(film, film.samples, plan.sweeps)
 
 
 def add_result(film: Film, result: BlockResult) -> None:
     """Add what a block saw to the film."""
-    pixels = slice(result.block.start, result.block.stop)
-    count = pixels.stop - pixels.start
+    pixels, count = result.block.pixels, len(result.block)
     for first in range(0, result.block.samples * count, count):
         film.add(pixels, {name: values[first : first + count] for name, values in result.values.items()})
     if result.centre_values:

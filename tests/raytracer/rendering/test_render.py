@@ -6,11 +6,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+import raytracer
 from raytracer.casting.rays import Rays
+from raytracer.film.film import Film
 from raytracer.film.passes import PASSES
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import blocks
+from raytracer.rendering import render as render_module
 from raytracer.rendering.blocks import SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_window
 from raytracer.rendering.render import render
 from raytracer.sampling.sobol import SobolSamples
@@ -106,7 +109,7 @@ def test_first_samples_of_a_longer_render_are_those_of_a_shorter_one(recorder):
     render_recorded(
         8,
         block_size=one_sample_at_a_time,
-        on_pass=lambda film, done, total: seen.setdefault(done, film["Combined"]),
+        on_sweep=lambda film, done, total: seen.setdefault(done, film["Combined"]),
     )
     for samples in range(1, 9):
         assert np.array_equal(render_recorded(samples)["Combined"], seen[samples])
@@ -114,7 +117,7 @@ def test_first_samples_of_a_longer_render_are_those_of_a_shorter_one(recorder):
 
 def test_small_pictures_take_several_samples_at_a_time(recorder):
     seen = []
-    render_recorded(200, block_size=50 * WIDTH * HEIGHT, on_pass=lambda film, done, total: seen.append((done, total)))
+    render_recorded(200, block_size=50 * WIDTH * HEIGHT, on_sweep=lambda film, done, total: seen.append((done, total)))
     assert seen == [(50, 200), (100, 200), (150, 200), (200, 200)]
     assert [len(rays) for rays in recorder.rays] == [50 * WIDTH * HEIGHT] * 4
 
@@ -153,7 +156,7 @@ def test_depth_comes_from_the_pixels_centre_and_changes_nothing_else(recorder):
 def test_centre_passes_alone_take_one_ray_per_pixel(recorder):
     calls = []
     film = render_recorded(
-        64, passes=("Depth", "Position"), on_pass=lambda film, done, total: calls.append((done, total))
+        64, passes=("Depth", "Position"), on_sweep=lambda film, done, total: calls.append((done, total))
     )
     assert film.statistics.rays == WIDTH * HEIGHT
     assert calls == [(1, 1)]
@@ -165,7 +168,7 @@ def test_callbacks_tell_every_pass_and_block(recorder):
     film = render_recorded(
         3,
         block_size=100,
-        on_pass=lambda film, done, total: passes.append((film.samples, done, total)),
+        on_sweep=lambda film, done, total: passes.append((film.samples, done, total)),
         on_progress=shares.append,
     )
     assert passes == [(1, 1, 3), (2, 2, 3), (3, 3, 3)]
@@ -321,3 +324,21 @@ def test_plan_learns_nothing_from_the_short_rest_of_a_pass():
     plan = BlockPlan(pixels=100_000, passes=2, largest=80_000)
     plan.observe(make_result(Block(0, 90_000, 100_000), 100.0))
     assert next(iter(plan)).stop == 50_000
+
+
+def test_a_block_of_chosen_pixels_sees_what_the_run_sees():
+    scene = make_lit_scene()
+    settings = Settings(samples=4, passes=("Combined", "Depth"))
+    window = make_window(scene, WIDTH, HEIGHT, settings)
+    tracer = blocks.BlockTracer(scene, raytracer.build(scene), window, settings)
+    chosen = np.array([0, 1, 5, 17, WIDTH * HEIGHT - 1])
+    whole, some = tracer(Block(0, 0, WIDTH * HEIGHT, 2)), tracer(Block(0, 0, 0, 2, chosen))
+    rows = np.concatenate([chosen, chosen + WIDTH * HEIGHT])
+    np.testing.assert_array_equal(some.values["Combined"], whole.values["Combined"][rows])
+    np.testing.assert_array_equal(some.centre_values["Depth"], whole.centre_values["Depth"][chosen])
+    films = [Film(WIDTH, HEIGHT, settings.passes) for _ in range(2)]
+    for film, result in zip(films, (whole, some), strict=True):
+        render_module.add_result(film, result)
+    flat = [film["Combined"][::-1].reshape(-1, 4) for film in films]
+    np.testing.assert_array_equal(flat[1][chosen], flat[0][chosen])
+    assert not np.delete(flat[1], chosen, axis=0).any()
