@@ -1,6 +1,6 @@
 """The passes as Blender knows them: one table, used where passes are declared, written, drawn and asked for.
 
-The ray tracer's side of the same names is `raytracer.film.PASSES`; what a Blender version calls a pass is in
+The ray tracer's side of the same names is `raytracer.film.passes.PASSES`; what a Blender version calls a pass is in
 `versions`.
 """
 

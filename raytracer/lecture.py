@@ -7,7 +7,7 @@ miss, a degenerate triangle) the answer is NaN, and no warning is raised. Square
 range: components between about 1e-75 and 1e75 are safe everywhere, as are zeros.
 
 These functions round like any float64 code: they are not watertight along edges. The certified decisions of
-`predicates` and `accelerate` are tested against the same formulas in exact arithmetic.
+`predicates` and `casting` are tested against the same formulas in exact arithmetic.
 """
 
 from __future__ import annotations

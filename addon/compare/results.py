@@ -59,7 +59,7 @@ class Outcome:
 
 
 def make_cycles_outcome(comparison: Any) -> Outcome:
-    """Return the outcome of a `with_cycles.CyclesComparison`: the FLIP error of each pixel."""
+    """Return the outcome of a `cycles.comparison.CyclesComparison`: the FLIP error of each pixel."""
     ours, cycles = (
         side.passes["Combined"][..., :3].mean(axis=0, dtype=np.float64) for side in (comparison.ours, comparison.cycles)
     )
@@ -93,7 +93,7 @@ def find_worst(heat: Floats) -> list[tuple[int, int, float]]:
 
 
 def make_ray_cast_outcome(comparison: Any, width: int, height: int) -> Outcome:
-    """Return the outcome of a `with_ray_cast.RayCastComparison`.
+    """Return the outcome of a `ray_cast.comparison.RayCastComparison`.
 
     The map has 1 where the two sides hit different things; elsewhere the distance of their points, as a share of
     the largest that a camera ray has, times LARGEST_HEAT.

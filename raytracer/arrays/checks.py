@@ -1,6 +1,6 @@
 """Validation of user input: one sentence that names the field, what was expected and what came.
 
-Used where a record is made (`scene.py`) and where a public function receives arrays (`accelerate/`, `render.py`),
+Used where a record is made (the room `scene`) and where a public function receives arrays (`casting`, `rendering`),
 never inside kernels.
 """
 

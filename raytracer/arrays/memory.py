@@ -14,7 +14,7 @@ def keep_freed_memory() -> None:
     Casting works on many arrays of 64 to 512 kB that live for microseconds. glibc asks the system for every block
     above 128 kB, and gives back the heap's end as soon as 128 kB of it are free: each new array then costs page
     faults, which took half of the time of long expressions (57 instead of 19 ns per row of
-    `predicates.intersect_plane_certified`, 200 instead of 53 in `refine`). Both limits adapt: the release of a larger
+    `filtered.intersect_plane_certified`, 200 instead of 53 in `refine`). Both limits adapt: the release of a larger
     block raises the first to its size and the second to twice that (mallopt(3), M_MMAP_THRESHOLD). So one block is
     taken and released, untouched. On other systems this does nothing.
     """

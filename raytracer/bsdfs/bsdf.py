@@ -36,7 +36,7 @@ class BsdfSample:
     direction : (n, 3) float64, unit
     weight : (n, 3) float64, f |cos| / density: what the light from there counts; 0 where the path ends
     density : (n,) float64, per solid angle; inf where nothing but this lobe leads to this direction
-    kind : (n,) uint8, of the bounce (`bounces`); STRAIGHT where the ray goes straight through the surface
+    kind : (n,) uint8, of the bounce (`bounce_kinds`); STRAIGHT where the ray goes straight through the surface
     """
 
     direction: Floats

@@ -3,6 +3,10 @@
 Each function takes closures of one kind, one per hit, and turns them into what they are made of: it adds to the diffuse
 parts of the hits and returns microfacet lobes; `SCATTERING` lists them.
 
+To add a shader that scatters: give its kind a name in `scene/materials.py` (CLOSURE_KINDS, and what parameters it
+lacks), write one function here with one row of SCATTERING, say in `integrator/features.py` whether it is diffuse or
+specular, and let the add-on read its sockets (`addon/extract/shaders/closures.py`, CLOSURE_READERS).
+
 References
 ----------
 Blender, intern/cycles/kernel/svm/closure.h: what the nodes are made of.

@@ -1,8 +1,8 @@
 """Sheen of Microfiber: its albedo and shape, on the grid of cosine and roughness that Cycles uses.
 
-The values were measured: `tests.addon.sheen_table` lets Cycles (Blender 5.0) light planes of the Sheen BSDF by suns,
-solves for the three numbers at each node, and prints this text. They are those that the authors of the model have
-fitted to light traced through layers of fibres.
+The values were measured: `tests.addon.against_cycles.sheen_table` lets Cycles (Blender 5.0) light planes of the Sheen
+BSDF by suns, solves for the three numbers at each node, and prints this text. They are those that the authors of the
+model have fitted to light traced through layers of fibres.
 
 References
 ----------
@@ -94,6 +94,6 @@ def pack_table(table: NDArray[np.float64]) -> str:
 
 @lru_cache(maxsize=1)
 def sheen_table() -> NDArray[np.float64]:
-    """Return (3, SIZE, SIZE) by roughness and cosine, each from 0 to 1: the albedo, and a and b of `diffuse_shapes`."""
+    """Return (3, SIZE, SIZE) by roughness and cosine, each from 0 to 1: the albedo, and a and b of `diffuse`."""
     steps = np.frombuffer(zlib.decompress(base64.b85decode(PACKED)), dtype="<i4").reshape(3, SIZE, SIZE)
     return np.cumsum(np.cumsum(steps, axis=2), axis=1) * UNIT

@@ -1,6 +1,6 @@
 """The film: what the samples of each pixel add up to, pass by pass.
 
-PASSES is the one table of passes. What they hold follows Cycles (`kernel/film/data_passes.h` and `read.h` in its
+What passes hold follows Cycles (`kernel/film/data_passes.h` and `read.h` in its
 source): light, colors, Normal and UV are means over a pixel's samples, in which a ray that hit nothing counts as 0;
 Depth, Position and the indices come from the one ray through the pixel's centre, for a mean of two surfaces lies on
 neither.

@@ -1,4 +1,8 @@
-"""The passes of a film: how many channels each has, and what it holds where nothing was hit."""
+"""The passes of a film: how many channels each has, and what it holds where nothing was hit.
+
+`integrator/contributions.py` fills them, `loop.add_direct_light` the light that is sampled; what Blender calls and
+stores them as is the add-on's `passes.py`.
+"""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class Paths:
     rays : their directions are unit vectors from the second stretch on
     throughput : (k, 3) float64, what the light from here counts
     kind : (k,) uint8, of its last bounce; STRAIGHT before the first
-    bounces : (k, 3) int32, how many it has taken of each kind in `bounces.COUNTED`
+    bounces : (k, 3) int32, how many it has taken of each kind in `bounce_kinds.COUNTED`
     passages : (k,) int32, how often it went straight through a surface
     scatter_origin, scatter_normal : (k, 3) float64, where it was scattered last, which light sampling was done from
     density : (k,) float64, with which it was scattered into this direction; inf where light sampling could not

@@ -40,7 +40,7 @@ class Settings:
     filter_glossy : the density of a bounce below which what follows is blurred; 0 blurs nothing. A picture is exact
         where all three are 0
     seed : another seed gives another, independent picture of the same noise
-    passes : names from `film.PASSES`
+    passes : names from `passes.PASSES`
     precision : 'certified', 'float64' or 'float32', see `raytracer.build`
     workers : processes that trace; 1 traces in this process
     transparent : True leaves the background out of the picture, alpha 0

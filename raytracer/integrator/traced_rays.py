@@ -18,7 +18,7 @@ class Hit:
     distance, distance_error : t of o + t d, and the certified bound on its error; NaN where the precision proves none
     lecture_distance : t by the lecture's formula in float64, Cramer's rule or the sphere's distance from the line; NaN
         where that formula rounds to a miss
-    instance, primitive, material : as in `rays.Surface`
+    instance, primitive, material : as in `surface.Surface`
     barycentric : (3,) alpha, beta, gamma of a triangle; None for a sphere
     region : INSIDE, or an EDGE or VERTEX no farther away than the error of the position
     position, position_error : metres, world

@@ -128,7 +128,7 @@ def _is_inside(light: AreaLight, local: Floats) -> Booleans:
 def _area_density(
     light: AreaLight, positions: Floats, low: Floats, high: Floats, distance: Floats, cosine: Floats
 ) -> Floats:
-    """Return the density (n,) per solid angle with which `_sample_area` takes directions at `cosine` off the axis."""
+    """Return the density (n,) per solid angle with which `sample_area` takes directions at `cosine` off the axis."""
     if _is_sampled_by_area(light):
         return divide_rows(distance * distance, area_of(light) * np.maximum(cosine, 0.0))
     area = np.maximum(high - low, 0.0).prod(axis=1)

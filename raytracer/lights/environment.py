@@ -59,7 +59,7 @@ class Environment:
     """The world as the integrator takes it.
 
     color : (3,) float64, or the Register of the program that computes it
-    program, needed, tables : of `nodes.evaluate`, None, () and None for a constant world
+    program, needed, tables : of `evaluate.evaluate`, None, () and None for a constant world
     grid : the map that samples follow; None where the world is constant, or even
     """
 

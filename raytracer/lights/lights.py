@@ -1,6 +1,7 @@
 """Lights: what they send to a point, and what a ray that meets one sees.
 
-Every light answers two questions, each by one function per kind:
+Every light answers two questions, each by one function per kind: point, spot and sun here, area lights in
+`area_lights`; where pixels share points of lights, `shared_points` samples instead.
 
     sample     a direction towards the light from each point, with its density in solid angle
     evaluate   the radiance and the density of a given direction, by intersecting the light's shape in closed form

@@ -1,7 +1,7 @@
 """Ray casting in exact integer arithmetic, for the few rays that floating point cannot decide.
 
 Every finite float64 is an integer times a power of two; brought to one exponent, a ray and its candidates are
-integers, and all the quantities of `predicates` are integer polynomials in them. Nothing is rounded, so nothing is
+integers, and all the quantities of `filtered` are integer polynomials in them. Nothing is rounded, so nothing is
 uncertain. About 20 microseconds per ray and triangle.
 """
 

@@ -1,4 +1,4 @@
-"""Sample points: a scrambled Sobol sequence per pixel, and the warps that carry the unit square elsewhere.
+"""Sample points: a scrambled Sobol sequence per pixel.
 
 Each pair of dimensions is the first two dimensions of Sobol's sequence, a (0,2)-sequence in base 2: any aligned run of
 2^k samples has one point in each of the 2^k boxes of every shape 2^-a x 2^-(k-a). Pairs are decorrelated ("padded") by
@@ -12,7 +12,6 @@ A. B. Owen, "Randomly permuted (t,m,s)-nets and (t,s)-sequences", 1995.
 B. Burley, "Practical Hash-based Owen Scrambling", Journal of Computer Graphics Techniques 9(4), 2020.
 N. Vegdahl, "Building a Better LK Hash", 2021: the constants of `_scramble_reversed`.
 C. Wellons, "Prospecting for Hash Functions", 2018: the constants of `_hash_pixels` and `_hash`.
-P. Shirley and K. Chiu, "A Low Distortion Map Between Disk and Square", 1997.
 """
 
 from __future__ import annotations

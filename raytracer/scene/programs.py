@@ -1,8 +1,8 @@
 """Shader node graphs as plain data: programs of steps, and the images they read.
 
 A program is a node graph after extraction: its nodes in an order in which each follows what it reads, groups inlined,
-constants folded, dead branches dropped. A step names an operation of `nodes.OPERATIONS`; its inputs are constants or
-registers, the outputs of earlier steps. Nothing here computes.
+constants folded, dead branches dropped. A step names an operation of `shading.evaluate.OPERATIONS`; its inputs are
+constants or registers, the outputs of earlier steps. Nothing here computes.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Image:
 class Step:
     """One computation.
 
-    operation : a key of `nodes.OPERATIONS`
+    operation : a key of `shading.evaluate.OPERATIONS`
     inputs : constants or Registers, in the operation's order
     settings : what is fixed, by name: text, numbers, arrays, an Image, or a Program that the step runs itself
     """

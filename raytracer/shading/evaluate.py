@@ -9,7 +9,9 @@ and give it one row in that module's table, under the type that Blender gives th
 
     "GAMMA": Operation(apply_gamma, inputs=("Color", "Gamma"), outputs=("Color",)),
 
-The add-on finds the row by itself: it reads the sockets and properties that the row names. A node whose outputs are
+The add-on finds the row by itself: it reads the sockets and properties that the row names; properties that are no plain
+values get a reader in `addon/extract/shaders/node_settings.py` (READERS). A node that scatters light, not values, is a
+closure: its recipe stands in `bsdfs/closure_nodes.py`. A node whose outputs are
 independent of each other (Geometry, Texture Coordinate) has a row for each of them, "TYPE Output", so that what nobody
 reads is not computed. What a function reads of the point it takes from the site (`reads_site=True`).
 """

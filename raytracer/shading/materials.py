@@ -1,9 +1,9 @@
 """Materials at the points that rays hit: sums of Blender's shader nodes.
 
-A material is a sum of closures (`scene.Closure`). At each hit every closure becomes what it is made of: radiance that
-shines, light that passes straight through, a diffuse share, and microfacet lobes (`closures`). All work on arrays of
-hits, grouped by kind of closure; parameters are arrays with one row per hit, and programs fill those that vary over a
-surface (`computed`).
+A material is a sum of closures (`scene.materials.Closure`). At each hit every closure becomes what it is made of:
+radiance that shines, light that passes straight through, a diffuse share, and microfacet lobes (`closures`). All work
+on arrays of hits, grouped by kind of closure; parameters are arrays with one row per hit, and programs fill those that
+vary over a surface (`computed`).
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ INTERPOLATION_ERROR = gamma(7)
 
 
 # What a float64 caster rounds when it compares the spawned origin with the primitive it left: T = (a - o) . N over
-# |N|, at most 8 u times a permanent of 6 products, each below |edge| |N| (see `predicates`): in units of the size.
+# |N|, at most 8 u times a permanent of 6 products, each below |edge| |N| (see `filtered`): in units of the size.
 CASTER_ERROR = gamma(48)
 
 

@@ -3,7 +3,7 @@
 Every finite float64 is an integer times a power of two, so all coordinates are scaled to integers once and every
 decision is made in integers (NumPy object arrays of Python ints). The triangle test is the determinant form of
 Moeller and Trumbore, the sphere test the quadratic formula with its square root kept symbolic; it shares no code and no
-formula with the ray tracer. A float64 filter first throws out pairs that are far from a hit, see `_may_hit`.
+formula with the ray tracer. A float64 filter first throws out pairs that are far from a hit, see `_may_hit_triangles`.
 
 Semantics: triangles are closed sets (edges and vertices belong to both neighbours); a ray parallel to a triangle's
 plane misses it, and so does every ray a triangle without area; t_min and t_max are inclusive, a negative t_min counts

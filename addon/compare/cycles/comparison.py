@@ -166,7 +166,7 @@ def allow_difference(name: str, cycles: NDArray[np.floating], width: NDArray[np.
 # the way back to the sphere magnifies by up to the square root of 3.
 NORMAL_STORAGE = 2 * 3**0.5 / 65535
 # What a glossy layer leaves to the diffuse one under it is read from tables; ours are right to this share
-# (`raytracer.microfacet_albedo`), Cycles' are means of random samples, printed with six decimals.
+# (`raytracer.bsdfs.microfacet_albedo`), Cycles' are means of random samples, printed with six decimals.
 ALBEDO_TABLES = 1e-3
 # Cycles' depth where a ray hits nothing.
 BACKGROUND_DEPTH = 1e10

@@ -75,7 +75,7 @@ def find_same(ours: Answers, blender: Answers) -> Booleans:
 def compare_with_ray_cast(
     scene: Any, depsgraph: Any, width: int, height: int, count: int, seed: int = 0
 ) -> tuple[RayCastComparison, Sides]:
-    """Cast the camera's rays (width x height) and `count` rays of each other family of `aims` on both sides."""
+    """Cast the camera's rays (width x height) and `count` rays of each other family of `rays` on both sides."""
     sides, extraction = make_sides(scene, depsgraph)
     rays = aim_rays(sides.caster.geometry, extraction.scene.camera, width, height, count, seed)
     return compare_sides(sides, rays, seed), sides

@@ -1,4 +1,6 @@
-"""Measure the sheen of Cycles, and print `raytracer.sheen_table.PACKED`: python -m tests.addon.sheen_table (a minute).
+"""Measure the sheen of Cycles, and print `raytracer.bsdfs.sheen_table.PACKED`, in a minute.
+
+    python -m tests.addon.against_cycles.sheen_table
 
 Planes of the Sheen BSDF, one for each roughness, are lit by a sun from several directions and seen at each cosine.
 What they show is v = R z / pi (a / |(a x + b z, a y, z)|^2)^2, so that sqrt(z / (pi v)) = p (x^2 + y^2) + q x z + r z^2

@@ -9,7 +9,7 @@ from blend_scenes import building
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
 
-# As in `test_against_cycles`.
+# As in `test_pictures`.
 MITSUBA_BAR = 0.0025
 SIZE = (32, 24)
 SAMPLES = 16

@@ -1,8 +1,8 @@
 """Interreflection against Cycles of the same Blender: every limit of bounces, ray visibility, what Light Path tells.
 
 A small room with colored walls, of diffuse, glossy, and clear surfaces, under an area lamp, seen from its open side.
-Both engines have the same limits. Pictures have to pass the statistical test of `addon.compare.metrics`, pixel by pixel
-by Mitsuba 3's bar, and all whole tiles. One case of each kind is quick; all others are marked slow.
+Both engines have the same limits. Pictures have to pass the statistical test of `addon.compare.cycles.metrics`, pixel
+by pixel by Mitsuba 3's bar, and all whole tiles. One case of each kind is quick; all others are marked slow.
 """
 
 import bpy

@@ -2,7 +2,7 @@
 
 Passes at pixel centres: Depth, Position and the indices have to agree in every pixel of every scene, all others in all
 but a few. Pictures: every scene, and one small scene for each kind of lamp and of closure, have to pass the statistical
-test of `addon.compare.metrics` with Mitsuba 3's bar.
+test of `addon.compare.cycles.metrics` with Mitsuba 3's bar.
 """
 
 import math

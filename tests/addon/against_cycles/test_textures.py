@@ -1,7 +1,7 @@
 """Pictures of textured materials against Cycles: parameters of closures that nodes compute, under lamps.
 
 Under a lamp without extent nothing is left to chance: both engines are compared point by point. In the slow tier,
-larger lamps: the statistical test of `tests.addon.test_against_cycles`, pixels by Mitsuba 3's bar, tiles all.
+larger lamps: the statistical test of `tests.addon.test_pictures`, pixels by Mitsuba 3's bar, tiles all.
 """
 
 from collections.abc import Callable

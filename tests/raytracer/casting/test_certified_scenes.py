@@ -208,7 +208,7 @@ def test_batch_equals_single_rays(case):
 
 
 def closed_mesh(name):
-    """A closed mesh around the points that `inside_points` gives."""
+    """A closed mesh that points are tested against, inside and outside."""
     return {
         "icosphere": partial(meshes.make_icosphere, 2),
         "icosphere far away": partial(meshes.make_icosphere, 2, centre=FAR),

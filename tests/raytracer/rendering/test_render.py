@@ -289,7 +289,7 @@ def make_result(block, seconds):
 
 
 def test_plan_covers_every_pixel_of_every_pass_once():
-    plan = BlockPlan(pixels=10000, passes=3, largest=6000)
+    plan = BlockPlan(pixels=10000, sweeps=3, largest=6000)
     covered = np.zeros((3, 10000), dtype=int)
     for block in plan:
         covered[block.sample, block.start : block.stop] += 1
@@ -300,7 +300,7 @@ def test_plan_covers_every_pixel_of_every_pass_once():
 def test_plan_fits_blocks_to_the_time_they_take():
     """At 5 microseconds per ray, a second is 200000 rays; at 1 microsecond the largest block is less."""
     for microseconds, size in ((5, 200_000), (1, 524_288), (1000, 131_072)):
-        plan = BlockPlan(pixels=10**7, passes=1, largest=2**19)
+        plan = BlockPlan(pixels=10**7, sweeps=1, largest=2**19)
         blocks = []
         for block in plan:
             blocks.append(block.stop - block.start)
@@ -312,7 +312,7 @@ def test_plan_fits_blocks_to_the_time_they_take():
 
 
 def test_plan_cuts_what_is_left_of_a_pass_evenly():
-    plan = BlockPlan(pixels=70000, passes=3, largest=50000)
+    plan = BlockPlan(pixels=70000, sweeps=3, largest=50000)
     sizes = []
     for block in plan:
         sizes.append(block.stop - block.start)
@@ -321,7 +321,7 @@ def test_plan_cuts_what_is_left_of_a_pass_evenly():
 
 
 def test_plan_learns_nothing_from_the_short_rest_of_a_pass():
-    plan = BlockPlan(pixels=100_000, passes=2, largest=80_000)
+    plan = BlockPlan(pixels=100_000, sweeps=2, largest=80_000)
     plan.observe(make_result(Block(0, 90_000, 100_000), 100.0))
     assert next(iter(plan)).stop == 50_000
 
