@@ -252,6 +252,18 @@ def test_a_wrong_lamp_is_found():
     assert failing[1] > 0.5
 
 
+def test_batches_are_independent_where_the_file_keeps_its_data():
+    """With Persistent Data no engine is told of a new seed: all batches were one picture, without any noise."""
+    scene = make_stage()
+    scene.render.use_persistent_data = True
+    add_lamp("AREA", {"size": 2.0})
+    sides = render_both(scene, bpy.context.view_layer, Request(*SMALL_SIZE, 2, 0, batches=3))
+    for side in sides:
+        first, *others = side.passes["Combined"]
+        assert all((first != other).any() for other in others)
+    assert scene.render.use_persistent_data
+
+
 @pytest.mark.parametrize(
     ("file_format", "color_mode"), [("PNG", "RGB"), ("JPEG", "BW"), ("OPEN_EXR_MULTILAYER", "RGBA"), ("FFMPEG", "RGB")]
 )
