@@ -123,7 +123,9 @@ def read_numbers(path):
 
 def write_table(path, numbers):
     """Write the table of name -> numbers."""
-    path.write_text(HEAD + "\n".join(format_row(name, numbers[name]) for name in sorted(numbers)) + "\n", encoding="utf-8")
+    path.write_text(
+        HEAD + "\n".join(format_row(name, numbers[name]) for name in sorted(numbers)) + "\n", encoding="utf-8"
+    )
 
 
 def write_agreement(folder, names):
