@@ -116,11 +116,24 @@ def default_shader(version: tuple[int, ...] = VERSION) -> str:
     return "principled" if version >= (5, 0) else "diffuse"
 
 
+# The kinds of media of formats that are no plain images.
+MEDIA = {"OPEN_EXR_MULTILAYER": "MULTI_LAYER_IMAGE", "FFMPEG": "VIDEO"}
+
+
 def set_image_format(settings: Any, file_format: str) -> None:
     """Set an `ImageFormatSettings.file_format`; since 5.0 its kind of media comes first."""
     if hasattr(settings, "media_type"):
-        settings.media_type = "MULTI_LAYER_IMAGE" if file_format == "OPEN_EXR_MULTILAYER" else "IMAGE"
+        settings.media_type = MEDIA.get(file_format, "IMAGE")
     settings.file_format = file_format
+
+
+def read_image_format(settings: Any) -> dict[str, Any]:
+    """Return what `set_image_format` changes, and what Blender changes with it, in an order that can be set again.
+
+    Since 5.0 a movie's format is none of those of an image, so that the kind of media has to come first.
+    """
+    names = ("media_type", "file_format", "color_mode", "color_depth", "exr_codec")
+    return {name: getattr(settings, name) for name in names if hasattr(settings, name)}
 
 
 def has_half_skies(version: tuple[int, ...] = VERSION) -> bool:

@@ -10,7 +10,7 @@ import argparse
 from importlib import import_module
 
 from .command_line import CommandError
-from .render import parse_positive
+from .render import parse_names, parse_positive, parse_size
 
 PICTURES = ("convergence", "equal_error", "ablation", "memory", "workers")
 SECTIONS = ("accuracy", "spheres", "cost", "speed", *PICTURES)
@@ -40,7 +40,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--large", action="store_true", help="speed on a million triangles and equal error on every scene, too"
     )
+    add_picture_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
+
+
+def add_picture_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of section equal_error."""
+    parser.add_argument(
+        "--picture-size", type=parse_size, default=(240, 160), metavar="WxH",
+        help="pixels of the pictures of equal_error; default 240x160",
+    )  # fmt: skip
+    parser.add_argument(
+        "--picture-samples", type=parse_positive, default=256, metavar="N",
+        help="most samples per pixel of equal_error, 16 or more; default 256",
+    )  # fmt: skip
+    parser.add_argument(
+        "--picture-renders", type=parse_positive, default=8, metavar="N",
+        help="renders of each number of samples of equal_error, 5 or more; default 8",
+    )  # fmt: skip
+    parser.add_argument(
+        "--scenes", type=parse_names, default=(), metavar="A,B", help="scenes of equal_error; default: a choice"
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -26,7 +26,14 @@ BLEND_SIGNATURES = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")
 
 
 class CommandError(Exception):
-    """Something the user can put right; the message is one sentence."""
+    """Something the user can put right; the message is one sentence.
+
+    code : the exit code
+    """
+
+    def __init__(self, message: str, code: int = 1) -> None:
+        super().__init__(message)
+        self.code = code
 
 
 class _Parser(argparse.ArgumentParser):
@@ -58,17 +65,19 @@ def main(argv: Sequence[str] | None = None, program: str = PROGRAM, names: Seque
         return _print_error("interrupted")
     except OSError as error:
         return _print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except CommandError as error:
+        return _print_error(str(error), error.code)
     except Exception as error:
         if sys.flags.dev_mode:  # python -X dev -m addon ...: for developers, with the traceback
             raise
-        known = isinstance(error, CommandError | ValueError | MemoryError)
+        known = isinstance(error, ValueError | MemoryError)
         return _print_error(str(error) if known else f"internal error, {type(error).__name__}: {error}")
     return 0
 
 
-def _print_error(reason: str) -> int:
+def _print_error(reason: str, code: int = 1) -> int:
     print(f"error: {' '.join(reason.split())}", file=sys.stderr)
-    return 1
+    return code
 
 
 def silence_blender() -> None:

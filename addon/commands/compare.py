@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,26 @@ from .render import parse_positive, parse_size
 
 DEFAULT_SIZE = (192, 108)
 DEFAULT_SAMPLES = {"cycles": 64, "ray_cast": 4096}
+# Exit codes of --require; 1 and 2 are those of errors.
+CODES = {"differs": 3, "undecided": 4}
+# With --to, samples per pixel at which the comparison gives up.
+MOST_SAMPLES = 1 << 16
+EPILOG = """
+With cycles the verdict is "agrees", "differs" or "undecided": nothing differs by more than noise, but noise would hide
+the difference asked for, 1% or that of --to, in a tile or in the whole picture. "reason" says why. The smallest
+differences that would have been found, with a probability of 90%, are "pixel_detectable", "tile_detectable" (tiles of
+16x16 pixels) and "picture_detectable": shares of the level of the tile or of the picture, the brighter of both, in 95%
+of the tiles. Pictures that are equal are said to differ with a probability of 1%. "z_fail_share": pixels that differ by
+more than noise; more than 0.25% is a difference. "passes": pixels of each pass that differ; more than 0.1% is one.
+"tile_error", "tile_noise", "tile_bias": the largest difference of a tile, its standard error, the share of the tile's
+level that noise does not explain. "picture_error", "picture_noise", "picture_bias": the same of the whole picture. With
+ray_cast the verdict is "agrees" where exact arithmetic finds all of ours right that it judged.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `compare`."""
+    parser.epilog = EPILOG
     parser.add_argument("file", metavar="FILE.blend", help="the scene")
     parser.add_argument(
         "--with", dest="other", required=True, choices=tuple(DEFAULT_SAMPLES), help="what to compare to"
@@ -31,7 +48,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--samples",
         type=parse_positive,
         metavar="N",
-        help="samples per pixel (default 64); with ray_cast: random, vertex and edge rays each (default 4096)",
+        help=f"samples per pixel (default 64; with --to at most so many, default {MOST_SAMPLES}); "
+        "with ray_cast: random, vertex and edge rays each (default 4096)",
+    )
+    parser.add_argument(
+        "--to", type=parse_share, metavar="P%", help="with cycles: add samples until a difference of P%% would be found"
+    )
+    parser.add_argument(
+        "--require",
+        action="store_true",
+        help="exit with code {differs} where the verdict is differs, with {undecided} where it is undecided".format(
+            **CODES
+        ),
     )
     parser.add_argument(
         "-o", "--output", metavar="OUT.png", help="with cycles: ours, Cycles' and the FLIP error as PNG"
@@ -40,18 +68,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run `compare`: print the numbers, write the picture if asked."""
+    """Run `compare`: print the numbers, write the picture if asked, fail where agreement is required and not there."""
     if arguments.output:
         check_picture(arguments)
+    if arguments.to and arguments.other != "cycles":
+        raise CommandError("--to: only a comparison with cycles takes samples")
     bpy = open_blend(arguments.file)
-    samples = arguments.samples or DEFAULT_SAMPLES[arguments.other]
     compare = run_cycles if arguments.other == "cycles" else run_ray_cast
     with hide_python_output():
-        numbers = compare(bpy, arguments.size, samples, arguments.output)
+        numbers = compare(bpy, arguments)
     if arguments.json:
         print(json.dumps(numbers), flush=True)
     else:
         print_numbers(numbers)
+    if arguments.require and numbers["verdict"] in CODES:
+        raise CommandError(f"{numbers['verdict']}: {numbers['reason']}", CODES[numbers["verdict"]])
+
+
+def parse_share(text: str) -> float:
+    """Return the share that 'P%' or a number between 0 and 1 stands for."""
+    match = re.fullmatch(r"(\d*\.?\d+)(%?)", text)
+    share = float(match[1]) / (100 if match[2] else 1) if match else 0.0
+    if not 0 < share < 1:
+        raise argparse.ArgumentTypeError(f"expected a share between 0% and 100%, such as 1%, got {text!r}")
+    return share
 
 
 def check_picture(arguments: argparse.Namespace) -> None:
@@ -65,25 +105,33 @@ def check_picture(arguments: argparse.Namespace) -> None:
         raise CommandError(f"{path.parent}: no such folder")
 
 
-def run_cycles(bpy: Any, size: tuple[int, int], samples: int, output: str | None) -> dict[str, Any]:
-    """Compare pictures with Cycles; return the numbers."""
-    from ..compare.cycles.comparison import compare_with_cycles
+def run_cycles(bpy: Any, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Compare pictures with Cycles, and write them if asked; return the numbers."""
+    from ..compare.cycles.comparison import compare_until, compare_with_cycles
 
+    scene, view_layer = bpy.context.scene, bpy.context.view_layer
+    (width, height), samples = arguments.size, DEFAULT_SAMPLES["cycles"]
     try:
-        comparison = compare_with_cycles(bpy.context.scene, bpy.context.view_layer, *size, samples)
+        if arguments.to:
+            comparison = compare_until(
+                scene, view_layer, width, height, arguments.to, samples, arguments.samples or MOST_SAMPLES
+            )
+        else:
+            comparison = compare_with_cycles(scene, view_layer, width, height, arguments.samples or samples)
     except RuntimeError as error:  # what an engine reports, the operator raises
         raise CommandError(first_line(str(error))) from None
-    if output:
-        comparison.save_picture(output)
+    if arguments.output:
+        comparison.save_picture(arguments.output)
     return comparison.summarise()
 
 
-def run_ray_cast(bpy: Any, size: tuple[int, int], samples: int, output: str | None) -> dict[str, Any]:
+def run_ray_cast(bpy: Any, arguments: argparse.Namespace) -> dict[str, Any]:
     """Compare hits with Scene.ray_cast; return the numbers."""
     from ..compare.ray_cast.comparison import compare_with_ray_cast
 
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    comparison, _ = compare_with_ray_cast(bpy.context.scene, depsgraph, *size, samples)
+    (width, height), samples = arguments.size, arguments.samples or DEFAULT_SAMPLES["ray_cast"]
+    comparison, _ = compare_with_ray_cast(bpy.context.scene, depsgraph, width, height, samples)
     return comparison.summarise()
 
 

@@ -201,14 +201,18 @@ def end_in_the_dark(integrator: Integrator, paths: Paths, sample: BsdfSample) ->
 
 
 def play_roulette(integrator: Integrator, paths: Paths, sample: BsdfSample, sampler: Sampler) -> None:
-    """End some of the paths that carry little light (Russian roulette), for which the others count more."""
+    """End some of the paths that carry little light (Russian roulette), for which the others count more.
+
+    What red reflects and green does not is black: a path of no light at all never survives, nor is divided by.
+    """
     if integrator.dimensions.roulette is None:
         return
     bounces = sum_columns(count_bounces(paths.bounces, sample.kind))
     rows = np.flatnonzero(sample.alive & (bounces > CERTAIN_BOUNCES))
     probability = survival_probability(paths.throughput[rows] * sample.weight[rows])
     survives = sampler.select(rows).uniform(integrator.dimensions.roulette) < probability
-    sample.weight[rows] = np.where(survives, 1.0 / probability, 0.0)[:, np.newaxis] * sample.weight[rows]
+    factor = np.divide(1.0, probability, out=np.zeros_like(probability), where=survives)
+    sample.weight[rows] = factor[:, np.newaxis] * sample.weight[rows]
 
 
 def add_direct_light(integrator: Integrator, passes: PathPasses, shadow_rays: list[ShadowRays], first: bool) -> None:

@@ -7,7 +7,8 @@ import numpy as np
 
 import raytracer
 from raytracer.rendering import blocks
-from tests.benchmarks.pictures import CYCLES, fit_power, measure_noise, open_scene, render_repeatedly
+from tests.benchmarks.noise import measure_noise
+from tests.benchmarks.pictures import CYCLES, fit_power, open_scene, render_repeatedly
 
 SCENES = ("penumbra", "cornell_box")
 SAMPLES = (1, 4, 16, 64)

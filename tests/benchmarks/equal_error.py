@@ -1,39 +1,42 @@
 """The time that each engine takes to the same error: ours against Cycles on the CPU, one thread each, the same light.
 
-Error c N^-p and time a + b N are fitted to renders of a few numbers of samples, and solved for the error wanted. The
-render call includes reading the scene, building and writing the picture; "persistent" lets the engines keep what they
-can from one render to the next; "process" adds what a fresh process takes to start and to open the file.
+Every scene is rendered with direct light and with paths, by ours, by Cycles, and by Cycles with its adaptive sampling,
+with more and more samples, several times each; the engines take turns. Times are compared at the smallest error that
+both have reached: nothing is extrapolated. The error is noise; what adaptive sampling leaves out by stopping early is a
+bias, which it does not show.
+
+References
+----------
+Blender, intern/cycles/scene/integrator.cpp, Integrator::get_adaptive_sampling: the automatic threshold, 1 / samples,
+and the fewest samples, 16 / threshold^0.3: 56 of 64, 85 of 256, so that below some 64 samples nothing is adaptive.
 """
 
 from __future__ import annotations
 
 import resource
+import statistics
 import subprocess
 import sys
 import tempfile
+import time
+from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 
-from tests.benchmarks.pictures import (
-    CYCLES,
-    HEIGHT,
-    OURS,
-    SCENES,
-    WIDTH,
-    fit_line,
-    fit_power,
-    open_scene,
-    render_repeatedly,
-)
+import numpy as np
+
+from tests.benchmarks.noise import FEWEST_RENDERS, SHARES, compare_seconds, jackknife, leave_one_out, measure_errors
+from tests.benchmarks.pictures import CYCLES, HEIGHT, OURS, SCENES, WIDTH, fit_line, fit_power, open_scene, set_samples
 
 # A choice of scenes for a quicker report.
-SMALL = ("cornell_box", "hard_shadows", "penumbra", "plane_and_spheres", "glass", "still_life", "terrain")
-TARGETS = (0.01, 0.003)
-SAMPLES = {OURS: (2, 8, 24), CYCLES: (4, 16, 64)}
-# Noise that falls more slowly with the number of samples than N^-p sits in a few bright pixels: too few to tell from
-# some renders what many more samples would bring. Independent samples have p = 0.5, well spread ones more.
-SMALLEST_POWER = 0.4
-# Pictures that noise is measured from: a few bright pixels hold most of it where mirrors meet.
-REPEATS = 4
+SMALL = ("cornell_box", "hard_shadows", "penumbra", "plane_and_spheres", "glass", "still_life", "terrain", "hdri")
+ADAPTIVE = "Cycles adaptive"
+CONTENDERS = (OURS, CYCLES, ADAPTIVE)
+LIGHTS = {"direct": "DIRECT", "path": "PATH"}
+# Samples grow from here, by so many times.
+FEWEST, STEP = 4, 4
+# The share of the pixels whose part of the noise is told.
+FIREFLIES = "without 1%"
 
 CYCLES_SCRIPT = """
 import sys, bpy
@@ -49,65 +52,171 @@ bpy.ops.render.render(write_still=True)
 """
 
 
-def measure_equal_error(large, progress):
-    """Return a row for every scene and target, with both engines' fits and the ratios of their times.
+@dataclass(frozen=True)
+class Effort:
+    """How much is rendered: pixels, most samples, renders of each number of samples, scenes (none: a choice).
 
-    `large` takes all files of blend_scenes, which is a minute or two each.
+    Raises
+    ------
+    ValueError
+        If that is too little to compare.
     """
+
+    size: tuple[int, int] = (WIDTH, HEIGHT)
+    most: int = 256
+    renders: int = 8
+    scenes: tuple[str, ...] = ()
+
+    def __post_init__(self):
+        if self.most < FEWEST * STEP:
+            raise ValueError(f"samples: expected {FEWEST * STEP} or more, got {self.most}")
+        if self.renders < FEWEST_RENDERS:
+            raise ValueError(f"renders: expected {FEWEST_RENDERS} or more, got {self.renders}")
+        missing = sorted(set(self.scenes) - {path.stem for path in SCENES.glob("*.blend")})
+        if missing:
+            raise ValueError(f"scenes: no such file in blend_scenes: {', '.join(missing)}")
+
+
+@dataclass(frozen=True)
+class Renders:
+    """Renders (k, h, w, 3) of one number of samples, and the median of their seconds."""
+
+    samples: int
+    seconds: float
+    pictures: np.ndarray
+
+
+def list_scenes(effort, large):
+    """Return the scenes that were asked for; else a choice, and all files of blend_scenes where `large`."""
     others = sorted({path.stem for path in SCENES.glob("*.blend")} - set(SMALL)) if large else []
+    return list(effort.scenes) or [*SMALL, *others]
+
+
+def list_samples(most):
+    """Return the numbers of samples that are rendered: 4, 16, 64, 256, ... up to `most`."""
+    return [FEWEST * STEP**k for k in range(32) if FEWEST * STEP**k <= most]
+
+
+def measure_equal_error(effort, large, progress):
+    """Return a row for every scene and light: each engine's curve, and Cycles' times over ours."""
     rows = []
-    for name in progress([*SMALL, *others], "equal error"):
-        fits = {engine: measure_engine(name, engine) for engine in (OURS, CYCLES)}
-        process = {engine: measure_process(name, engine) for engine in (OURS, CYCLES)}
-        for target in TARGETS:
-            rows.append({"scene": name, "target": target, **compare_times(fits, process, target)})
+    for name in progress(list_scenes(effort, large), "equal error"):
+        process = {engine: measure_process(name, engine, effort.size) for engine in (OURS, CYCLES)}
+        for light, integrator in LIGHTS.items():
+            renders = render_scene(name, integrator, effort)
+            rows.append({"scene": name, "light": light, "process": process, **describe_renders(renders)})
     return rows
 
 
-def measure_engine(name, engine):
-    """Return the fits of one engine on one scene: error c N^-p, seconds a + b N, the first also without persistence."""
-    with open_scene(name) as (scene, view_layer):
-        render_repeatedly(scene, view_layer, engine, 1)  # loads what is loaded once
-        renders = [render_repeatedly(scene, view_layer, engine, samples, REPEATS) for samples in SAMPLES[engine]]
+def render_scene(name, integrator, effort):
+    """Return contender -> Renders for every number of samples; the contenders take turns."""
+    renders = {contender: [] for contender in CONTENDERS}
+    with open_scene(name, size=effort.size, integrator=integrator) as (scene, view_layer):
+        for contender in CONTENDERS:
+            render_once(scene, view_layer, contender, 1, seed=1)  # loads what is loaded once
+        for samples in list_samples(effort.most):
+            made = {contender: [] for contender in CONTENDERS}
+            for seed in range(1, 1 + effort.renders):
+                for contender in CONTENDERS:
+                    made[contender].append(render_once(scene, view_layer, contender, samples, seed))
+            for contender, own in made.items():
+                seconds = statistics.median(taken for taken, _ in own)
+                renders[contender].append(Renders(samples, seconds, np.stack([picture for _, picture in own])))
+    return renders
+
+
+def render_once(scene, view_layer, contender, samples, seed):
+    """Return (seconds of the processor, picture (h, w, 3)) of one render."""
+    from addon.compare.cycles import rendering
+
+    set_samples(scene, samples)
+    width, height = scene.render.resolution_x, scene.render.resolution_y
+    request = rendering.Request(width, height, samples, max_bounces=0, seed=seed)
+    engine = rendering.ENGINE if contender == OURS else rendering.CYCLES
+    with adaptive_sampling(scene.cycles, samples) if contender == ADAPTIVE else nullcontext():
+        started = time.process_time()
+        rendered = rendering.render_batches(scene, view_layer, engine, request)
+        seconds = time.process_time() - started
+    return seconds, rendered.passes["Combined"][0, ..., :3]
+
+
+def adaptive_sampling(cycles, samples):
+    """Return a context in which Cycles samples as it does by default: up to `samples`, its first ones, adaptively."""
+    from addon.compare.cycles.rendering import changed
+
+    whole = {"use_sample_subset": False} if hasattr(cycles, "use_sample_subset") else {}
+    return changed(
+        cycles, samples=samples, use_adaptive_sampling=True, adaptive_threshold=0.0, adaptive_min_samples=0,
+        sample_offset=0, **whole,
+    )  # fmt: skip
+
+
+def describe_renders(renders):
+    """Return the curves of all contenders, and the ratios of Cycles' times over ours, of the renders of one scene."""
+    curves = {contender: describe_curve(own) for contender, own in renders.items()}
+    lefts = {contender: [leave_one_out(each.pictures) for each in own] for contender, own in renders.items()}
+    ratios = {
+        other: {name: compare_contenders(curves, lefts, other, name) for name in SHARES} for other in (CYCLES, ADAPTIVE)
+    }
+    return {"curves": curves, "ratios": ratios}
+
+
+def describe_curve(renders):
+    """Return errors and seconds of a contender by numbers of samples, their slopes, and what a sample costs.
+
+    slopes : p of error c N^-p over the numbers of samples that were rendered; noise_in_1% : the share of the squared
+    error of the last renders that sits in the noisiest hundredth of the pixels
+    """
     samples = [each.samples for each in renders]
-    c, p = fit_power(samples, [each.error for each in renders])
-    a, b = fit_line(samples, [each.seconds for each in renders])
-    with open_scene(name, persistent=False) as (scene, view_layer):
-        fresh = render_repeatedly(scene, view_layer, engine, samples[0])
-    return {"c": c, "p": p, "a": a, "b": b, "a_fresh": max(fresh.seconds - b * samples[0], 0.0)}
+    seconds = [each.seconds for each in renders]
+    measured = [measure_errors(each.pictures) for each in renders]
+    errors = {name: [each[name] for each in measured] for name in SHARES}
+    start, per_sample = fit_line(samples, seconds)
+    last = {name: errors[name][-1] for name in SHARES}
+    kept = (1 - SHARES[FIREFLIES]) * last[FIREFLIES] ** 2 / last["all"] ** 2 if last["all"] else 1.0
+    pixels = renders[0].pictures[0, ..., 0].size
+    return {
+        "samples": samples,
+        "seconds": seconds,
+        "errors": errors,
+        "slopes": {name: fit_power(samples, values)[1] if all(values) else None for name, values in errors.items()},
+        "start": start,
+        "microseconds": 1e6 * per_sample / pixels,
+        "noise_in_1%": max(1.0 - kept, 0.0),
+    }
 
 
-def measure_process(name, engine):
+def compare_contenders(curves, lefts, other, name):
+    """Return error, ratio of seconds and its standard error (of the logarithm), or None: a contender over ours.
+
+    lefts : contender -> for each number of samples the errors without one of the renders
+    """
+    ours, theirs = ((curves[one]["errors"][name], curves[one]["seconds"]) for one in (OURS, other))
+    compared = compare_seconds(ours, theirs)
+    if compared is None:
+        return None
+    count = len(lefts[OURS][0][name])
+    without = [
+        compare_seconds(*(([left[name][k] for left in lefts[one]], curves[one]["seconds"]) for one in (OURS, other)))
+        for k in range(count)
+    ]
+    logarithms = [np.log(each[1]) for each in without if each is not None]
+    spread = jackknife(logarithms) if len(logarithms) == count else None
+    return {"error": compared[0], "ratio": compared[1], "spread": spread}
+
+
+def measure_process(name, engine, size):
     """Return the seconds of the processor of a whole process that renders one sample."""
     blend = SCENES / f"{name}.blend"
+    width, height = size
     with tempfile.TemporaryDirectory() as folder:
         picture = str(Path(folder) / "picture.png")
         if engine == OURS:
-            options = ["--size", f"{WIDTH}x{HEIGHT}", "--samples", "1"]
+            options = ["--size", f"{width}x{height}", "--samples", "1"]
             command = ["-m", "addon", "render", str(blend), "-o", picture, *options]
         else:
-            command = ["-c", CYCLES_SCRIPT.format(width=WIDTH, height=HEIGHT), str(blend), picture]
+            command = ["-c", CYCLES_SCRIPT.format(width=width, height=height), str(blend), picture]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run([sys.executable, *command], cwd=SCENES.parent, check=True, capture_output=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def compare_times(fits, process, target):
-    """Return the samples and seconds that each engine needs to `target`, and Cycles' times over ours; None for those
-    where an engine's fit says nothing."""
-    row = {}
-    for engine, fit in fits.items():
-        samples = max((fit["c"] / target) ** (1.0 / fit["p"]), 1.0)
-        start = max(process[engine] - fit["a_fresh"] - fit["b"], 0.0)
-        row[engine] = {
-            **fit,
-            "samples": samples,
-            "persistent": fit["a"] + fit["b"] * samples,
-            "render": fit["a_fresh"] + fit["b"] * samples,
-            "process": start + fit["a_fresh"] + fit["b"] * samples,
-        }
-    tells = all(fit["p"] >= SMALLEST_POWER for fit in fits.values())
-    kinds = ("persistent", "render", "process")
-    row["ratios"] = {kind: row[CYCLES][kind] / row[OURS][kind] if tells else None for kind in kinds}
-    return row

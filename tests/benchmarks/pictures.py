@@ -14,6 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.benchmarks.noise import measure_noise
+
 SCENES = Path(__file__).resolve().parents[2] / "blend_scenes"
 OURS, CYCLES = "raytracer", "Cycles"
 WIDTH, HEIGHT = 240, 160
@@ -32,7 +34,7 @@ class Renders:
 
 
 @contextmanager
-def open_scene(name, persistent=True, size=(WIDTH, HEIGHT)):
+def open_scene(name, persistent=True, size=(WIDTH, HEIGHT), integrator="DIRECT"):
     """Open one of `blend_scenes`, set up so that both engines compute the same light; yield (scene, view layer)."""
     import bpy
 
@@ -43,7 +45,7 @@ def open_scene(name, persistent=True, size=(WIDTH, HEIGHT)):
         addon.register()
     bpy.ops.wm.open_mainfile(filepath=str(SCENES / f"{name}.blend"), load_ui=False)
     scene, view_layer = bpy.context.scene, bpy.context.view_layer
-    request = replace(make_request(scene, 1), width=size[0], height=size[1])
+    request = replace(make_request(scene, 1), width=size[0], height=size[1], integrator=integrator)
     with (
         matched_settings(scene, view_layer, request),
         changed(scene.render, use_persistent_data=persistent),
@@ -83,12 +85,6 @@ def set_samples(scene, samples):
     scene.cycles.samples = samples
     for name, value in skip_samples(scene.cycles, samples).items():
         setattr(scene.cycles, name, value)
-
-
-def measure_noise(pictures):
-    """Return the root mean square noise of independent pictures (k, h, w, 3), over their mean level."""
-    pictures = np.asarray(pictures, dtype=np.float64)
-    return float(np.sqrt(pictures.var(axis=0, ddof=1).mean()) / pictures.mean())
 
 
 def fit_power(samples, errors):

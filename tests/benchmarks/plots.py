@@ -125,19 +125,23 @@ def plot_convergence(numbers, path, caption):
 
 
 def plot_equal_error(numbers, path, caption):
-    """Cycles' time over ours at equal error, one bar for each scene and target; 1 = equal."""
-    rows = [row for row in numbers["equal_error"] if row["ratios"]["persistent"] is not None]
-    scenes, targets = (list(dict.fromkeys(row[key] for row in rows)) for key in ("scene", "target"))
-    figure = Figure(figsize=(11, 4.6), layout="constrained")
-    axes = figure.subplots()
-    width = 0.8 / len(targets)
-    for k, target in enumerate(targets):
-        own = {row["scene"]: row["ratios"]["persistent"] for row in rows if row["target"] == target}
-        places = [scenes.index(scene) + (k - (len(targets) - 1) / 2) * width for scene in own]
-        axes.bar(places, list(own.values()), width, label=f"error {target:.1%}")
-    axes.axhline(1.0, color="0.3", linewidth=1)
-    axes.set(yscale="log", ylabel="Cycles' time / ours")
-    axes.set_xticks(range(len(scenes)), [scene.replace("_", "\n") for scene in scenes], fontsize=8)
-    axes.grid(axis="y", alpha=0.3)
-    axes.legend()
+    """Error against seconds for every scene and light, both logarithmic; dashed: without the noisiest 1% of pixels."""
+    rows = numbers["equal_error"]
+    columns = min(len(rows), 4)
+    lines = -(-len(rows) // columns)
+    figure = Figure(figsize=(2.9 * columns + 1.6, 2.5 * lines + 0.6), layout="constrained")
+    panels = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes, row in zip(panels, rows, strict=False):
+        for engine, curve in row["curves"].items():
+            (line,) = axes.plot(curve["seconds"], curve["errors"]["all"], marker="o", markersize=3, label=engine)
+            axes.plot(curve["seconds"], curve["errors"]["without 1%"], linestyle="--", color=line.get_color())
+        axes.set(xscale="log", yscale="log")
+        axes.set_title(f"{row['scene']}, {row['light']}", fontsize=9)
+        axes.grid(alpha=0.3)
+    for axes in panels[len(rows) :]:
+        axes.set_axis_off()
+    for axes in panels[max(len(rows) - columns, 0) : len(rows)]:
+        axes.set_xlabel("seconds", fontsize=8)
+    figure.supylabel("noise / mean level", fontsize=8)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
     save(figure, path, caption)

@@ -11,12 +11,15 @@ from tqdm import tqdm
 from tests.benchmarks.ablation import measure_ablation, measure_memory, measure_workers
 from tests.benchmarks.accuracy import Effort, measure_accuracy, measure_spheres
 from tests.benchmarks.convergence import measure_convergence
+from tests.benchmarks.equal_error import Effort as PictureEffort
 from tests.benchmarks.equal_error import measure_equal_error
 from tests.benchmarks.peers import find_loaders, load_peers
 from tests.benchmarks.speed import measure_cost, measure_speed
 from tests.benchmarks.tables import write_tables
 from tests.benchmarks.timing import describe_machine
 
+# Options of the command, in the order of equal_error.Effort.
+PICTURE_SETTINGS = ("picture_size", "picture_samples", "picture_renders", "scenes")
 # One thread each, for libraries that read this when they are loaded.
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -36,6 +39,7 @@ def measure_sections(arguments, loaders=None, progress=show_progress):
         os.environ[variable] = "1"
     numbers = {"machine": describe_machine(), "settings": list_settings(arguments)}
     peers, skipped = load_peers(find_loaders() if loaders is None else loaders)
+    rendered = PictureEffort(*(getattr(arguments, name) for name in PICTURE_SETTINGS))
     effort = Effort(arguments.rays, arguments.speed_rays, arguments.rounds, arguments.seed)
     numbers["versions"] = {peer.name: peer.version for peer in peers}
     numbers["skipped"] = skipped
@@ -50,7 +54,7 @@ def measure_sections(arguments, loaders=None, progress=show_progress):
         skipped |= scenes
     pictures = {
         "convergence": lambda: measure_convergence(progress),
-        "equal_error": lambda: measure_equal_error(arguments.large, progress),
+        "equal_error": lambda: measure_equal_error(rendered, arguments.large, progress),
         "ablation": lambda: measure_ablation(arguments.rounds, progress),
         "memory": lambda: measure_memory(progress),
         "workers": lambda: measure_workers(arguments.rounds, progress),
@@ -61,7 +65,8 @@ def measure_sections(arguments, loaders=None, progress=show_progress):
 
 def list_settings(arguments):
     """Return what the run was asked for."""
-    return {name: getattr(arguments, name) for name in ("sections", "rays", "speed_rays", "rounds", "seed", "large")}
+    names = ("sections", "rays", "speed_rays", "rounds", "seed", "large", *PICTURE_SETTINGS)
+    return {name: getattr(arguments, name) for name in names}
 
 
 def run(arguments):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 
+from tests.benchmarks.equal_error import FEWEST
 from tests.benchmarks.peers_blender import BVH_TREE, SCENE
 from tests.benchmarks.peers_libraries import OPEN3D
 from tests.benchmarks.peers_ours import CERTIFIED, FLOAT64
@@ -31,6 +32,10 @@ def describe_run(numbers):
         f"- seed {settings['seed']}, {settings['rays']} rays per set, {settings['speed_rays']} per speed batch, "
         f"processor time, median of {settings['rounds']} rounds, one core, peers taking turns",
     ]
+    if numbers.get("equal_error"):
+        width, height = settings["picture_size"]
+        renders = f"{settings['picture_renders']} renders of {FEWEST} to {settings['picture_samples']} samples"
+        lines.append(f"- equal error: {width}x{height} pixels, {renders}, engines taking turns, medians")
     return [*lines, *(f"- skipped {name}: {reason}" for name, reason in numbers["skipped"].items()), ""]
 
 
@@ -61,12 +66,29 @@ def write_speed(numbers):
 
 def write_pictures(numbers):
     """Return the lines of the sections that render pictures."""
-    lines = []
+    lines = write_equal_error(numbers.get("equal_error") or [])
     for section, title, header, cells in PICTURE_TABLES:
         rows = numbers.get(section)
         if rows:
             lines += [f"## {title}", "", *make_table(header, [cells(row) for row in rows]), ""]
     return lines
+
+
+def write_equal_error(rows):
+    """Return the lines of section equal_error: ratios, and what they come from."""
+    if not rows:
+        return []
+    engines = list(rows[0]["ratios"])
+    ratios = [
+        [row["scene"], row["light"], name, *(show_compared(row["ratios"][engine][name]) for engine in engines)]
+        for row in rows
+        for name in row["ratios"][engines[0]]
+    ]
+    curves = [show_curve(row, engine, curve) for row in rows for engine, curve in row["curves"].items()]
+    return [
+        "## Time over ours at equal error", "", *make_table(("scene", "light", "pixels", *engines), ratios), "",
+        "## Error and cost by samples", "", *make_table(CURVES, curves), "",
+    ]  # fmt: skip
 
 
 # Cells --------------------------------------------------------------------------------------------------------------
@@ -84,6 +106,26 @@ def show(value):
 def show_ratio(value):
     """Two decimals, or a dash for no number."""
     return NOTHING if value is None else f"{value:.2f}"
+
+
+def show_compared(compared):
+    """A ratio with its standard error in percent, and the error at which it was read."""
+    if compared is None:
+        return NOTHING
+    spread = "" if compared["spread"] is None else f" +- {compared['spread']:.0%}"
+    return f"{compared['ratio']:.2f}{spread} at {compared['error']:.2%}"
+
+
+def show_curve(row, engine, curve):
+    """Return the cells of a line of the CURVES table."""
+    process = row["process"].get(engine)
+    return [
+        row["scene"], row["light"], engine,
+        f"{curve['samples'][0]} to {curve['samples'][-1]}",
+        f"{curve['errors']['all'][0]:.2%} to {curve['errors']['all'][-1]:.2%}",
+        *(show_ratio(slope) for slope in curve["slopes"].values()),
+        f"{curve['noise_in_1%']:.0%}", show(curve["microseconds"]), show(curve["start"]), show(process),
+    ]  # fmt: skip
 
 
 def show_rate(failures, rays):
@@ -110,23 +152,12 @@ SUMMARY = (
     "peer", "rays", "false misses / M", "false hits / M", "wrong primitives / M",
     "dt median, ulps", "dt p99, worst set", "dt max", "bounds broken", "bound p99", "to integers", "ns / ray",
 )  # fmt: skip
+CURVES = (
+    "scene", "light", "engine", "samples", "error", "p", "p without 1%", "p without 5%", "noise in 1%",
+    "us / sample", "start, s", "process, s",
+)  # fmt: skip
 COST = ("scene", "family", "rays", "certified ns", "float64 ns", "ratio", "promised", "to integers")
 PICTURE_TABLES = (
-    (
-        "equal_error", "Cycles' time over ours at equal error",
-        (
-            "scene", "error", "persistent", "render call", "process",
-            "our p", "samples", "seconds", "Cycles' p", "samples", "seconds",
-        ),
-        lambda row: [
-            row["scene"], f"{row['target']:.1%}",
-            *(show_ratio(row["ratios"][kind]) for kind in ("persistent", "render", "process")),
-            *(
-                value for engine in ("raytracer", "Cycles")
-                for value in (f"{row[engine]['p']:.2f}", show(row[engine]["samples"]), show(row[engine]["persistent"]))
-            ),
-        ],
-    ),
     (
         "convergence", "Error against samples",
         ("scene", "sampling", "samples", "error", "slope"),

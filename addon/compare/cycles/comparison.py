@@ -1,12 +1,14 @@
 """This engine's picture against Cycles' of the same .blend: is every difference noise, and if not, how large is it?
 
-Combined is rendered in several independent batches by both engines and put to the tests of `metrics`. The other passes
-are rendered through the centres of the pixels, where both engines should see the same point.
+Combined is rendered in several independent batches by both engines and put to the tests of `verdict`; `compare_until`
+adds samples until a given difference would be found. The other passes are rendered through the centres of the pixels,
+where both engines should see the same point.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +17,11 @@ from numpy.typing import NDArray
 
 from ...properties import BOUNCE_LIMITS
 from ..picture import save_png, show_heat, show_linear
-from . import metrics
+from ..verdicts import UNDECIDED
+from . import metrics, verdict
 from .flip import flip, mean_flip
 from .rendering import Rendering, Request, render_both
+from .sequential import LOOK_SIGNIFICANCE, LOOKS, join_renderings, plan_batches
 
 # Passes that hold one value per surface point, and those that hold one whole number.
 POINT_PASSES = ("Depth", "Position", "Normal", "UV", "Diffuse Color", "Emission")
@@ -51,29 +55,63 @@ class PassDifference:
 
 @dataclass(frozen=True, eq=False)
 class CyclesComparison:
-    """Combined of both engines in batches (k, h, w, 4) of `samples` each, and the differences of the passes by name."""
+    """Combined of both engines in batches (k, h, w, 4) of `samples` each, and the differences of the passes by name.
+
+    to : the difference that shall be found, share of the level; significance : probability of a false alarm
+    """
 
     samples: int
     ours: Rendering
     cycles: Rendering
     passes: dict[str, PassDifference]
+    to: float = verdict.TO
+    significance: float = metrics.SIGNIFICANCE
+
+    @property
+    def batches(self) -> int:
+        return len(self.ours.passes["Combined"])
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """The share of differing pixels of each pass."""
+        return {name: difference.share for name, difference in self.passes.items()}
+
+    @cached_property
+    def judgement(self) -> verdict.Judgement:
+        """Pixels, tiles and the whole picture."""
+        ours, cycles = (side.passes["Combined"][..., :3] for side in (self.ours, self.cycles))
+        return verdict.judge_pictures(ours, cycles, self.to, self.samples, self.significance)
+
+    def decide(self) -> tuple[str, str]:
+        """Return the verdict, one of `verdicts.AGREES`, `DIFFERS` and `UNDECIDED`, and the reason in words."""
+        return verdict.decide(self.judgement, self.shares, self.samples * self.batches)
 
     def summarise(self) -> dict[str, Any]:
         """Return the numbers that the command line prints, one JSON object."""
         ours, cycles = self.ours.passes["Combined"][..., :3], self.cycles.passes["Combined"][..., :3]
         mean_ours, mean_cycles = ours.mean(axis=0, dtype=np.float64), cycles.mean(axis=0, dtype=np.float64)
-        tiles = metrics.measure_tiles(ours, cycles)
+        tiles, judged, (word, reason) = metrics.measure_tiles(ours, cycles), self.judgement, self.decide()
         return {
             "rmse": metrics.root_mean_square_error(mean_ours, mean_cycles),
             "rel_mse": metrics.relative_mean_square_error(mean_ours, mean_cycles),
             "flip": mean_flip(mean_ours, mean_cycles),
             "z_fail_share": metrics.share_failing_pixels(ours, cycles, self.samples),
-            "tile_error": metrics.largest_tile_difference(mean_ours, mean_cycles),
+            "tile_error": tiles.error,
             "tile_noise": tiles.noise,
             "tile_bias": tiles.bias,
-            "passes": {name: difference.share for name, difference in self.passes.items()},
+            "passes": self.shares,
             "ours_seconds": self.ours.seconds,
             "cycles_seconds": self.cycles.seconds,
+            "samples": self.samples * self.batches,
+            "picture_error": judged.picture.error,
+            "picture_noise": judged.picture.noise,
+            "picture_bias": judged.picture.bias,
+            "pixel_detectable": judged.pixel_detectable,
+            "tile_detectable": judged.tile.detectable,
+            "picture_detectable": judged.picture.detectable,
+            "to": self.to,
+            "verdict": word,
+            "reason": reason,
         }
 
     def save_picture(self, path: str | Path) -> None:
@@ -93,14 +131,47 @@ def compare_with_cycles(
     scene, view_layer : bpy.types.Scene and one of its view layers; their settings are put back afterwards
     samples : per pixel, shared out among `batches`, at least one each
     """
+    picture = request_picture(scene, width, height, max(1, samples // batches), batches)
+    ours, cycles = render_both(scene, view_layer, picture)
+    return CyclesComparison(picture.samples, ours, cycles, compare_passes(scene, view_layer, width, height))
+
+
+def compare_until(
+    scene: Any, view_layer: Any, width: int, height: int, to: float, first: int, most: int
+) -> CyclesComparison:
+    """Compare a scene with samples enough to find a difference.
+
+    Parameters
+    ----------
+    scene, view_layer : as in `compare_with_cycles`
+    to : the difference that shall be found, share of the level
+    first, most : samples per pixel to begin with, and at which this gives up: the verdict is then undecided
+    """
+    comparison = compare_with_cycles(scene, view_layer, width, height, min(first, most))
+    comparison = replace(comparison, to=to, significance=LOOK_SIGNIFICANCE)
+    seed = comparison.batches
+    for _ in range(LOOKS - 1):
+        shortage = verdict.measure_shortage(comparison.judgement)
+        plan = plan_batches(comparison.samples, comparison.batches, shortage, most)
+        if comparison.decide()[0] != UNDECIDED or plan is None:
+            break
+        picture = request_picture(scene, width, height, plan.samples, plan.batches)
+        more = render_both(scene, view_layer, replace(picture, seed=seed))
+        seed += plan.batches
+        sides = (comparison.ours, comparison.cycles)
+        ours, cycles = (join_renderings(*pair, plan.merged) for pair in zip(sides, more, strict=True))
+        comparison = replace(comparison, samples=plan.samples, ours=ours, cycles=cycles)
+    return comparison
+
+
+def request_picture(scene: Any, width: int, height: int, samples: int, batches: int) -> Request:
+    """Return what both engines shall render: Combined, with the integrator and the limits of the scene."""
     chosen = scene.reference_raytracer
-    picture = Request(
-        *(width, height, max(1, samples // batches), chosen.max_bounces, batches),
+    return Request(
+        *(width, height, samples, chosen.max_bounces, batches),
         integrator=chosen.integrator,
         limits={name: getattr(chosen, name) for name in BOUNCE_LIMITS},
     )
-    ours, cycles = render_both(scene, view_layer, picture)
-    return CyclesComparison(picture.samples, ours, cycles, compare_passes(scene, view_layer, width, height))
 
 
 def compare_passes(scene: Any, view_layer: Any, width: int, height: int) -> dict[str, PassDifference]:

@@ -90,18 +90,27 @@ class TileDifference(NamedTuple):
     bias: float
 
 
+def average_blocks(batches: Floats, size: int = TILE) -> Floats:
+    """Return the tiles of every batch of (k, h, w, c), (k, th, tw, c) float64."""
+    return np.stack([average_tiles(batch, size) for batch in batches])
+
+
+def measure_level(picture: Floats) -> Floats:
+    """Return the mean magnitude of the channels (h, w, 1) of (h, w, c): light may be negative, a level is not."""
+    level: Floats = np.abs(np.asarray(picture, np.float64)).mean(axis=-1, keepdims=True)
+    return level
+
+
 def measure_tiles(ours: Floats, theirs: Floats, size: int = TILE) -> TileDifference:
     """Return how the tiles of two sets of batches (k, h, w, c) differ; a tile's level is the mean of its channels."""
-    tiles = [np.stack([average_tiles(batch, size) for batch in side]) for side in (ours, theirs)]
-    means = [side.mean(axis=0) for side in tiles]
-    noise = np.sqrt(sum(side.var(axis=0, ddof=1) / len(side) for side in tiles))
-    difference = np.abs(means[0] - means[1])
-    explained = student_quantile(correct_significance(noise.size), sum(map(len, tiles)) - 2)
-    beyond = np.maximum(difference - explained * noise, 0.0)
-    level = np.broadcast_to(means[1].mean(axis=-1, keepdims=True), beyond.shape)
+    ours, theirs = (average_blocks(side, size) for side in (ours, theirs))
+    apart = measure_means(ours, theirs)
+    explained = student_quantiles(correct_significance(apart.error.size), apart.degrees) * apart.error
+    beyond = np.maximum(apart.difference - explained, 0.0)
+    level = np.broadcast_to(measure_level(theirs.mean(axis=0)), beyond.shape)
     share = np.divide(beyond, level, out=np.where(beyond > 0, np.inf, 0.0), where=level > 0)
-    largest = np.unravel_index(difference.argmax(), difference.shape)
-    return TileDifference(float(difference[largest]), float(noise[largest]), float(share.max()))
+    largest = np.unravel_index(apart.difference.argmax(), apart.difference.shape)
+    return TileDifference(float(apart.difference[largest]), float(apart.error[largest]), float(share.max()))
 
 
 def student_tail(statistic: Floats, degrees: NDArray[np.integer]) -> Floats:
@@ -138,35 +147,68 @@ def student_quantile(probability: float, degrees: int) -> float:
     return high
 
 
-def compare_means(ours: Floats, theirs: Floats, slack: Floats | float = 0.0, pool: int = 1) -> Floats:
-    """Return the p-value, per pixel and channel, of two sets of batches having expected values within `slack`.
+def student_quantiles(probability: float, degrees: NDArray[np.integer]) -> Floats:
+    """Return t with P(|T| >= t) = probability for each of an array of whole `degrees`."""
+    values, places = np.unique(degrees, return_inverse=True)
+    quantiles = np.array([student_quantile(probability, int(count)) for count in values])
+    return quantiles[places].reshape(np.shape(degrees))
 
-    Welch's test: t = max(|mean_a - mean_b| - slack, 0) / sqrt(s_a^2 / k_a + s_b^2 / k_b), whose degrees of freedom are
-    (v_a + v_b)^2 / (v_a^2 / (k_a - 1) + v_b^2 / (k_b - 1)), v = s^2 / k, rounded down (towards passing). With many
-    batches it is the z-test of Mitsuba 3; with few, the estimated variance is itself uncertain; this allows for it.
+
+class MeanDifference(NamedTuple):
+    """How far the means of two sets of batches are apart, (h, w, c) each.
+
+    difference : |mean_a - mean_b|
+    error : its standard error, sqrt(s_a^2 / k_a + s_b^2 / k_b)
+    degrees : whole, of freedom that the error is estimated with
+    """
+
+    difference: Floats
+    error: Floats
+    degrees: NDArray[np.int64]
+
+
+def measure_means(ours: Floats, theirs: Floats, pool: int = 1) -> MeanDifference:
+    """Return how the means of two sets of batches (k, h, w, c) differ, with Welch's degrees of freedom.
+
+    (v_a + v_b)^2 / (v_a^2 / (k_a - 1) + v_b^2 / (k_b - 1)), v = s^2 / k, rounded down: towards passing. The engines'
+    noise differs, and what one of them alone estimates is as uncertain as its own few batches are.
 
     Parameters
     ----------
     ours, theirs : (k, h, w, c) float, k >= 2 independent estimates each
-    slack : (h, w, c) or scalar, difference of the means that does not count
     pool : side in pixels of the square whose mean variance is taken where it is larger than the pixel's own
+    """
+    if len(ours) < 2 or len(theirs) < 2:
+        raise ValueError(f"measure_means: expected at least 2 batches per side, got {len(ours)} and {len(theirs)}")
+    ours, theirs = np.asarray(ours, np.float64), np.asarray(theirs, np.float64)
+    spread_ours, spread_theirs = (pool_variance(side.var(axis=0, ddof=1), pool) / len(side) for side in (ours, theirs))
+    spread = spread_ours + spread_theirs
+    share = np.divide(spread_ours, spread, out=np.full_like(spread, 0.5), where=spread > 0)
+    degrees = 1 / (share**2 / (len(ours) - 1) + (1 - share) ** 2 / (len(theirs) - 1))
+    difference = np.abs(ours.mean(axis=0) - theirs.mean(axis=0))
+    return MeanDifference(difference, np.sqrt(spread), np.maximum(degrees, 1).astype(np.int64))
+
+
+def compare_means(ours: Floats, theirs: Floats, slack: Floats | float = 0.0, pool: int = 1) -> Floats:
+    """Return the p-value, per pixel and channel, of two sets of batches having expected values within `slack`.
+
+    Welch's test: t = max(|mean_a - mean_b| - slack, 0) / error. With many batches it is the z-test of Mitsuba 3; with
+    few, the estimated variance is itself uncertain; this allows for it.
+
+    Parameters
+    ----------
+    ours, theirs, pool : as in `measure_means`
+    slack : (h, w, c) or scalar, difference of the means that does not count
 
     Returns
     -------
     (h, w, c) float64; 1 where the means agree within slack, 0 where they differ and nothing near varies
     """
-    if len(ours) < 2 or len(theirs) < 2:
-        raise ValueError(f"compare_means: expected at least 2 batches per side, got {len(ours)} and {len(theirs)}")
-    ours, theirs = np.asarray(ours, np.float64), np.asarray(theirs, np.float64)
-    excess = np.maximum(np.abs(ours.mean(axis=0) - theirs.mean(axis=0)) - slack, 0.0)
-    spread_ours, spread_theirs = (pool_variance(side.var(axis=0, ddof=1), pool) / len(side) for side in (ours, theirs))
-    spread = spread_ours + spread_theirs
-    varies = spread > 0
-    share = np.divide(spread_ours, spread, out=np.zeros_like(spread), where=varies)
-    degrees = 1 / (share**2 / (len(ours) - 1) + (1 - share) ** 2 / (len(theirs) - 1))
-    statistic = np.divide(excess, np.sqrt(spread), out=np.zeros_like(spread), where=varies)
-    p_value = student_tail(statistic, np.maximum(degrees, 1).astype(np.int64))
-    return np.where(varies, p_value, (excess == 0).astype(np.float64))
+    apart = measure_means(ours, theirs, pool)
+    excess = np.maximum(apart.difference - slack, 0.0)
+    varies = apart.error > 0
+    statistic = np.divide(excess, apart.error, out=np.zeros_like(excess), where=varies)
+    return np.where(varies, student_tail(statistic, apart.degrees), (excess == 0).astype(np.float64))
 
 
 def pool_variance(variance: Floats, side: int) -> Floats:
@@ -188,7 +230,9 @@ def correct_significance(tests: int, significance: float = SIGNIFICANCE) -> floa
     return float(-np.expm1(np.log1p(-significance) / tests))
 
 
-def find_failing(ours: Floats, theirs: Floats, summed: int = 0, pool: int = 1) -> Booleans:
+def find_failing(
+    ours: Floats, theirs: Floats, summed: int = 0, pool: int = 1, allowed: Floats | float = 0.0
+) -> Booleans:
     """Return (h, w): pixels (or tiles) of which a channel differs by more than noise and float32 rounding explain.
 
     Parameters
@@ -196,10 +240,18 @@ def find_failing(ours: Floats, theirs: Floats, summed: int = 0, pool: int = 1) -
     ours, theirs : (k, h, w, c) float, k independent renders each
     summed : samples that were added up in float32 in each pixel
     pool : as in `compare_means`
+    allowed : (h, w, c) or scalar, difference that does not count, besides that of rounding
     """
-    scale = np.maximum(np.abs(ours).max(axis=0), np.abs(theirs).max(axis=0))
-    p_value = compare_means(ours, theirs, float32_slack(FLOAT32_OPERATIONS + summed) * scale, pool)
+    p_value = compare_means(ours, theirs, measure_slack(ours, theirs, summed) + allowed, pool)
     return (p_value < correct_significance(p_value.size)).any(axis=-1)
+
+
+def measure_slack(ours: Floats, theirs: Floats, summed: int = 0) -> Floats:
+    """Return (h, w, c): the difference that float32 rounding explains, of values of two sets of batches (k, h, w, c)
+    in which `summed` samples were added up."""
+    scale = np.maximum(np.abs(ours).max(axis=0), np.abs(theirs).max(axis=0))
+    slack: Floats = float32_slack(FLOAT32_OPERATIONS + summed) * np.asarray(scale, np.float64)
+    return slack
 
 
 def share_failing_pixels(ours: Floats, theirs: Floats, summed: int = 0) -> float:
@@ -209,5 +261,5 @@ def share_failing_pixels(ours: Floats, theirs: Floats, summed: int = 0) -> float
 
 def share_failing_tiles(ours: Floats, theirs: Floats, summed: int = 0, size: int = TILE) -> float:
     """Return the share of tiles that fail: hundreds of pixels averaged, a bias far below the noise of one shows."""
-    tiles = [np.stack([average_tiles(batch, size) for batch in side]) for side in (ours, theirs)]
+    tiles = [average_blocks(side, size) for side in (ours, theirs)]
     return float(find_failing(tiles[0], tiles[1], summed).mean())

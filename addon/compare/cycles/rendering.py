@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ...passes import PASSES, enable_passes
 from ...properties import BOUNCE_LIMITS, ENGINE, TAMING
-from ...versions import blender_pass_name, set_image_format
+from ...versions import blender_pass_name, read_image_format, set_image_format
 from .exr import read_exr
 
 CYCLES = "CYCLES"
@@ -35,6 +35,8 @@ PLAIN_RENDER = {
     "use_compositing": False,
     "use_sequencer": False,
     "use_motion_blur": False,
+    # What is kept from one render to the next is not told of another seed, and batches were alike.
+    "use_persistent_data": False,
     "use_multiview": False,
     "dither_intensity": 0.0,
     "threads_mode": "FIXED",
@@ -126,16 +128,15 @@ def changed(target: Any, **values: Any) -> Iterator[None]:
 def exr_output(scene: Any, path: Path) -> Iterator[None]:
     """Let the render operator write every pass as float32 to an uncompressed OpenEXR file."""
     image = scene.render.image_settings
-    before = image.file_format
+    before = read_image_format(image)
     try:
         set_image_format(image, "OPEN_EXR_MULTILAYER")
-        with (
-            changed(image, color_depth="32", exr_codec="NONE"),
-            changed(scene.render, filepath=str(path), use_file_extension=False),
-        ):
+        image.color_mode, image.color_depth, image.exr_codec = "RGBA", "32", "NONE"
+        with changed(scene.render, filepath=str(path), use_file_extension=False):
             yield
     finally:
-        set_image_format(image, before)
+        for name, value in before.items():
+            setattr(image, name, value)
 
 
 @contextmanager

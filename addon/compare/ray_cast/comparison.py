@@ -18,6 +18,7 @@ from raytracer.arrays.types import Booleans, Floats
 from raytracer.casting.caster import build
 
 from ...extract.scene import Extraction, extract_scene
+from ..verdicts import AGREES, DIFFERS
 from .judge import Judge
 from .rays import Aimed, aim_rays
 from .sides import Answers, Sides, cast_blender, cast_ours, key_of, measure_normal_error
@@ -64,7 +65,18 @@ class RayCastComparison:
             "blender_wrong": int(self.blender_wrong.sum()),
             "ours_seconds": self.ours.seconds,
             "blender_seconds": self.blender.seconds,
+            **dict(zip(("verdict", "reason"), self.decide(), strict=True)),
         }
+
+    def decide(self) -> tuple[str, str]:
+        """Return the verdict on this caster, `AGREES` (with exact arithmetic) or `DIFFERS`, and the reason in words."""
+        wrong, judged = int(self.ours_wrong.sum()), len(self.judged)
+        if wrong:
+            return DIFFERS, f"ours is wrong on {wrong} of {judged} rays judged by exact arithmetic"
+        return (
+            AGREES,
+            f"ours is right on all {judged} rays judged by exact arithmetic, with all on which the two differ",
+        )
 
 
 def find_same(ours: Answers, blender: Answers) -> Booleans:

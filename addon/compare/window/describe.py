@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 from decimal import Context, Decimal
 from fractions import Fraction
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..ray_cast.verdict import Surfaces, Verdict
+from ..verdicts import AGREES, DIFFERS, UNDECIDED
 
 Line = tuple[str, tuple[str, ...]]
 
@@ -36,6 +38,23 @@ RAY_CAST_NUMBERS = {
     "ours_seconds": ("Ours", "{:.3f} s"),
     "blender_seconds": ("ray_cast", "{:.3f} s"),
 }
+
+
+# The verdict of a comparison as a headline, and its icon.
+HEADLINES = {
+    "cycles": {AGREES: "Agrees with Cycles", DIFFERS: "Differs from Cycles", UNDECIDED: "Too few samples to tell"},
+    "ray_cast": {AGREES: "Right by exact arithmetic", DIFFERS: "Wrong by exact arithmetic"},
+}
+ICONS = {AGREES: "CHECKMARK", DIFFERS: "ERROR", UNDECIDED: "QUESTION"}
+# Letters in a line of a panel that is as wide as Blender opens it.
+LINE_LETTERS = 44
+
+
+def describe_outcome(kind: str, numbers: dict[str, Any]) -> tuple[str, str, list[str]]:
+    """Return the headline of a comparison's verdict, its icon, and the reason in lines that fit into a panel."""
+    reason = numbers["reason"]
+    lines = textwrap.wrap(reason[:1].upper() + reason[1:], LINE_LETTERS)
+    return HEADLINES[kind][numbers["verdict"]], ICONS[numbers["verdict"]], lines
 
 
 def describe_numbers(kind: str, numbers: dict[str, Any]) -> Iterator[Line]:

@@ -11,7 +11,7 @@ import bpy
 from ...inspector.panels import CATEGORY, draw_lines, find_chosen
 from ...properties import ENGINE
 from . import session
-from .describe import describe_exact, describe_numbers, describe_verdict
+from .describe import describe_exact, describe_numbers, describe_outcome, describe_verdict
 from .heat_map import IMAGE_NAME
 
 
@@ -63,7 +63,11 @@ class RAYTRACER_RENDER_PT_compare(bpy.types.Panel):
         if outcome is None:
             return
         layout = self.layout
-        layout.label(text="Against Cycles" if outcome.kind == "cycles" else "Against ray_cast")
+        headline, icon, reason = describe_outcome(outcome.kind, outcome.numbers)
+        layout.label(text=headline, icon=icon)
+        lines = layout.column(align=True)
+        for line in reason:
+            lines.label(text=line)
         draw_lines(layout, describe_numbers(outcome.kind, outcome.numbers), factor=0.5)
         if IMAGE_NAME in bpy.data.images:
             layout.operator("raytracer.show_difference", icon="IMAGE_DATA")

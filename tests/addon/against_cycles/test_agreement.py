@@ -23,8 +23,10 @@ def test_misses_of_the_bar_are_named():
 def test_rows_of_a_table_are_found_again(tmp_path):
     numbers = dict.fromkeys(("z_fail_share", "tile_error", "tile_noise", "tile_bias", "flip"), 0.0)
     numbers |= {"passes": {"Depth": 0.5}, "ours_seconds": 1.0, "cycles_seconds": 2.0}
-    row = agreement.format_row("glass", numbers)
+    rows = {"glass": numbers | {"tile_detectable": 0.0123}, "lights": numbers}
     path = tmp_path / "agreement.md"
-    path.write_text(agreement.HEAD + row + "\n", encoding="utf-8")
-    assert agreement.read_rows(path) == {"glass": row}
-    assert "50.000% (Depth)" in row
+    agreement.write_table(path, rows)
+    assert agreement.read_numbers(path) == rows
+    found, before = path.read_text(encoding="utf-8").splitlines()[-2:]
+    assert "| 0.00% | 1.2% | 50.000% (Depth) |" in found
+    assert "| 0.00% | - | 50.000% (Depth) |" in before

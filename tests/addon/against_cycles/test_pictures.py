@@ -13,6 +13,7 @@ import pytest
 from addon.compare.cycles import metrics
 from addon.compare.cycles.comparison import compare_passes, compare_with_cycles
 from addon.compare.cycles.rendering import Request, render_both
+from addon.versions import read_image_format, set_image_format
 from blend_scenes import building
 from tests.folders import SCENES
 
@@ -251,22 +252,40 @@ def test_a_wrong_lamp_is_found():
     assert failing[1] > 0.5
 
 
-def test_settings_are_put_back():
+def test_batches_are_independent_where_the_file_keeps_its_data():
+    """With Persistent Data no engine is told of a new seed: all batches were one picture, without any noise."""
+    scene = make_stage()
+    scene.render.use_persistent_data = True
+    add_lamp("AREA", {"size": 2.0})
+    sides = render_both(scene, bpy.context.view_layer, Request(*SMALL_SIZE, 2, 0, batches=3))
+    for side in sides:
+        first, *others = side.passes["Combined"]
+        assert all((first != other).any() for other in others)
+    assert scene.render.use_persistent_data
+
+
+@pytest.mark.parametrize(
+    ("file_format", "color_mode"), [("PNG", "RGB"), ("JPEG", "BW"), ("OPEN_EXR_MULTILAYER", "RGBA"), ("FFMPEG", "RGB")]
+)
+def test_settings_are_put_back(file_format, color_mode):
+    """Whatever the file writes: a movie, and a picture without colors, as well."""
     scene = make_stage()
     add_lamp(*LAMPS["sun"])
     view_layer = bpy.context.view_layer
     scene.render.resolution_percentage, scene.cycles.seed, scene.reference_raytracer.samples = 37, 5, 3
-    scene.render.image_settings.file_format = "PNG"
+    set_image_format(scene.render.image_settings, file_format)
+    scene.render.image_settings.color_mode = color_mode
     view_layer.use_pass_z = True
 
     def read():
         cycles = {name: getattr(scene.cycles, name) for name in ("samples", "seed", "max_bounces", "use_denoising")}
         render = {name: getattr(scene.render, name) for name in ("engine", "filepath", "resolution_x", "threads_mode")}
-        image = (scene.render.image_settings.file_format, scene.render.resolution_percentage)
+        image = (read_image_format(scene.render.image_settings), scene.render.resolution_percentage)
         ours = (scene.reference_raytracer.samples, scene.reference_raytracer.pixel_filter)
         return cycles, render, image, ours, view_layer.use_pass_z, view_layer.use_pass_normal
 
     before = read()
     render_both(scene, view_layer, Request(8, 6, 1, 0, passes=("Combined", "Normal")))
     assert read() == before
+    assert before[2][0]["file_format"] == file_format
     assert math.isclose(scene.render.dither_intensity, 1.0)

@@ -20,9 +20,7 @@ from raytracer import lecture
 from tests import meshes
 from tests.benchmarks import (
     ablation,
-    equal_error,
     peers_formulas,
-    pictures,
     ray_sets,
     speed,
     speed_scenes,
@@ -30,6 +28,7 @@ from tests.benchmarks import (
     timing,
 )
 from tests.benchmarks.accuracy import Effort, compare_peers, measure_spheres
+from tests.benchmarks.noise import SHARES
 from tests.benchmarks.peers import Answer, Built, Peer, ask, find_loaders, load_peers
 from tests.benchmarks.peers_ours import CERTIFIED, FLOAT64
 from tests.benchmarks.run import measure_sections
@@ -248,7 +247,8 @@ def test_casts_take_turns() -> None:
 
 def ask_for(**changes: Any) -> argparse.Namespace:
     settings = {"sections": ["accuracy"], "rays": 5, "speed_rays": 64, "rounds": 1, "seed": 0, "large": False}
-    return argparse.Namespace(**settings | changes)
+    pictures = {"picture_size": (24, 16), "picture_samples": 16, "picture_renders": 5, "scenes": ("penumbra",)}
+    return argparse.Namespace(**settings | pictures | changes)
 
 
 def test_numbers_have_their_keys_and_tables_show_them() -> None:
@@ -323,37 +323,12 @@ def test_command_outside_the_repository_says_so(tmp_path: Path) -> None:
 def test_command_knows_its_sections(capsys: pytest.CaptureFixture[str]) -> None:
     parsed = build_parser().parse_args(["bench", "--sections", "cost", "speed", "--seed", "7"])
     assert (parsed.sections, parsed.seed, parsed.json) == (["cost", "speed"], 7, False)
-    assert build_parser().parse_args(["bench"]).sections == list(SECTIONS)
+    whole = build_parser().parse_args(["bench"])
+    assert whole.sections == list(SECTIONS)
+    assert (whole.picture_size, whole.picture_samples, whole.picture_renders, whole.scenes) == ((240, 160), 256, 8, ())
     with pytest.raises(SystemExit):
         build_parser().parse_args(["bench", "--sections", "taste"])
     assert "bench" in capsys.readouterr().err
-
-
-def test_noise_is_told_from_independent_pictures() -> None:
-    rng = np.random.default_rng(0)
-    noisy = 2.0 + 0.1 * rng.normal(size=(2, 200, 200, 3))
-    # A variance of 2 pictures of 120,000 values each is known to sqrt(2 / 120,000).
-    assert pictures.measure_noise(noisy) == pytest.approx(0.05, rel=5 * np.sqrt(2 / 120_000))
-
-
-def test_equal_error_solves_the_fits() -> None:
-    samples = np.array([2, 8, 32])
-    assert pictures.fit_power(samples, 0.3 * samples**-0.7) == pytest.approx((0.3, 0.7))
-    assert pictures.fit_line(samples, 0.5 + 0.2 * samples) == pytest.approx((0.5, 0.2))
-    ours = {"c": 0.1, "p": 0.5, "a": 1.0, "b": 0.1, "a_fresh": 2.0}
-    cycles = {"c": 0.1, "p": 1.0, "a": 0.0, "b": 0.5, "a_fresh": 1.0}
-    row = equal_error.compare_times({"raytracer": ours, "Cycles": cycles}, {"raytracer": 5.1, "Cycles": 2.0}, 0.01)
-    assert row["raytracer"]["samples"] == pytest.approx(100)
-    assert row["Cycles"]["samples"] == pytest.approx(10)
-    assert row["ratios"] == pytest.approx({"persistent": 5 / 11, "render": 6 / 12, "process": 6.5 / 15})
-
-
-def test_equal_error_makes_no_number_of_a_few_bright_pixels() -> None:
-    fit = {"c": 0.1, "p": 0.5, "a": 1.0, "b": 0.1, "a_fresh": 2.0}
-    fits = {"raytracer": fit, "Cycles": fit | {"p": 0.2}}
-    row = equal_error.compare_times(fits, {"raytracer": 5.0, "Cycles": 2.0}, 0.01)
-    assert set(row["ratios"].values()) == {None}
-    assert tables.show_ratio(row["ratios"]["persistent"]) == tables.NOTHING
 
 
 @pytest.mark.parametrize("feature", ablation.FEATURES)
@@ -368,6 +343,20 @@ def test_an_absent_feature_is_never_called(monkeypatch: pytest.MonkeyPatch, feat
         assert (calls > 0) == present
 
 
+def make_equal_error_row() -> dict[str, Any]:
+    errors = {name: [0.04, 0.02] for name in SHARES}
+    curve = {"samples": [4, 16], "seconds": [1.0, 4.0], "errors": errors, "microseconds": 3.5, "start": 0.25}
+    curve |= {"slopes": dict(zip(SHARES, (0.5, 0.5, None), strict=True)), "noise_in_1%": 0.25}
+    compared = {"error": 0.012, "ratio": 0.5, "spread": 0.03}
+    return {
+        "scene": "box",
+        "light": "path",
+        "process": {"raytracer": 1.5, "Cycles": 0.5},
+        "curves": dict.fromkeys(("raytracer", "Cycles", "Cycles adaptive"), curve),
+        "ratios": {"Cycles": dict.fromkeys(SHARES, compared), "Cycles adaptive": dict.fromkeys(SHARES)},
+    }
+
+
 def test_report_writes_tables_and_plots(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="the plots need matplotlib (the extra `report`)")
     from tests.benchmarks.report import write_report
@@ -377,11 +366,7 @@ def test_report_writes_tables_and_plots(tmp_path: Path) -> None:
     row = {"scene": "box", "triangles": 12, "peer": CERTIFIED}
     numbers["speed"] = [row | {"family": "camera", "rays": 9, "mrays_per_second": 1.5}]
     numbers["builds"] = [row | {"seconds": 0.25}]
-    fit = {"p": 0.5, "samples": 9.0, "persistent": 2.0}
-    ratios = {"persistent": 0.5, "render": 0.5, "process": 0.4}
-    numbers["equal_error"] = [
-        {"scene": "box", "target": 0.01, "raytracer": fit, "Cycles": fit, "ratios": ratios},
-    ]
+    numbers["equal_error"] = [make_equal_error_row()]
     numbers["convergence"] = [
         {"scene": "box", "sampling": "random", "samples": 4, "error": 0.1, "slope": -0.5},
     ]
@@ -390,5 +375,7 @@ def test_report_writes_tables_and_plots(tmp_path: Path) -> None:
     names += ["convergence.png", "equal_error.png", "pictures.md"]
     assert [path.name for path in written] == names
     assert all(path.stat().st_size > 0 for path in written)
-    assert "| box | 1.0% | 0.50 | 0.50 | 0.40 |" in (tmp_path / "report" / "pictures.md").read_text(encoding="utf-8")
+    text = (tmp_path / "report" / "pictures.md").read_text(encoding="utf-8")
+    assert "| box | path | without 5% | 0.50 +- 3% at 1.20% | - |" in text
+    assert "| box | path | raytracer | 4 to 16 | 4.00% to 2.00% | 0.50 | 0.50 | - | 25% | 3.5 | 0.25 | 1.5 |" in text
     assert "| box, camera | 1.5 |" in (tmp_path / "report" / "speed.md").read_text(encoding="utf-8")

@@ -15,12 +15,30 @@ PASSES = (
 )
 CYCLES_KEYS = [
     *("rmse", "rel_mse", "flip", "z_fail_share", "tile_error", "tile_noise", "tile_bias"),
-    *("passes", "ours_seconds", "cycles_seconds"),
+    *("passes", "ours_seconds", "cycles_seconds", "samples", "picture_error", "picture_noise", "picture_bias"),
+    *("pixel_detectable", "tile_detectable", "picture_detectable", "to", "verdict", "reason"),
 ]
 RAY_CAST_KEYS = [
     *("rays", "wrong_hit", "wrong_object", "wrong_polygon", "max_position_error", "max_normal_error"),
-    *("judged", "ours_wrong", "blender_wrong", "ours_seconds", "blender_seconds"),
+    *("judged", "ours_wrong", "blender_wrong", "ours_seconds", "blender_seconds", "verdict", "reason"),
 ]
+# Saves a scene with a movie for its output: a lit plane, and over it what this engine leaves out: hair.
+SAVE_HAIR = """
+import sys, bpy
+bpy.ops.wm.read_homefile(use_empty=True)
+scene = bpy.context.scene
+bpy.ops.mesh.primitive_plane_add(size=2)
+bpy.context.object.modifiers.new("Hair", "PARTICLE_SYSTEM")
+settings = bpy.context.object.particle_systems[0].settings
+settings.type, settings.count, settings.hair_length = "HAIR", int(sys.argv[2]), 1.0
+bpy.ops.object.light_add(type="SUN", location=(0, 0, 5))
+bpy.ops.object.camera_add(location=(0, -5, 1.5), rotation=(1.35, 0, 0))
+scene.camera = bpy.context.object
+if hasattr(scene.render.image_settings, "media_type"):
+    scene.render.image_settings.media_type = "VIDEO"
+scene.render.image_settings.file_format = "FFMPEG"
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+"""
 
 
 def run_compare(*arguments):
@@ -40,13 +58,41 @@ def test_comparison_with_cycles_prints_json_and_writes_three_panels(tmp_path):
     assert int.from_bytes(out.read_bytes()[16:20], "big") == 3 * 24
 
 
+def save_hair(path, count):
+    subprocess.run([sys.executable, "-c", SAVE_HAIR, str(path), str(count)], check=True, capture_output=True)
+    return path
+
+
+def test_too_few_samples_decide_nothing_and_more_of_them_are_taken_until_they_do(tmp_path):
+    file = save_hair(tmp_path / "plane.blend", 0)
+    few = run_compare(file, "--with", "cycles", "--size", "32x18", "--samples", 8, "--json", "--require")
+    numbers = json.loads(few.stdout)
+    assert (few.returncode, numbers["verdict"], numbers["z_fail_share"]) == (4, "undecided", 0.0)
+    assert max(numbers["tile_detectable"], numbers["picture_detectable"]) > numbers["to"] == 0.01
+    assert few.stderr == f"error: undecided: {numbers['reason']}\n"
+    more = run_compare(file, "--with", "cycles", "--size", "32x18", "--to", "0.5%", "--json", "--require")
+    numbers = json.loads(more.stdout)
+    assert (more.returncode, more.stderr, numbers["verdict"]) == (0, "", "agrees")
+    assert max(numbers["tile_detectable"], numbers["picture_detectable"]) <= numbers["to"] == 0.005
+    assert numbers["samples"] > 8
+
+
+def test_what_is_missing_differs_at_any_number_of_samples(tmp_path):
+    file = save_hair(tmp_path / "hair.blend", 300)
+    done = run_compare(file, "--with", "cycles", "--size", "32x18", "--to", "1%", "--json", "--require")
+    numbers = json.loads(done.stdout)
+    assert (done.returncode, numbers["verdict"]) == (3, "differs")
+    assert done.stderr == f"error: differs: {numbers['reason']}\n"
+    assert numbers["samples"] == 64, "no more samples are needed to say so"
+
+
 def test_comparison_with_ray_cast_prints_json():
     done = run_compare(SCENE, "--with", "ray_cast", "--size", "24x16", "--samples", 50, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     numbers = json.loads(done.stdout)
     assert list(numbers) == RAY_CAST_KEYS
     assert numbers["rays"] == 24 * 16 + 3 * 50
-    assert numbers["ours_wrong"] == 0
+    assert (numbers["ours_wrong"], numbers["verdict"]) == (0, "agrees")
 
 
 def test_comparison_prints_one_number_a_line():
@@ -59,6 +105,8 @@ def test_comparison_prints_one_number_a_line():
     [
         (["missing.blend", "--with", "cycles"], "missing.blend: no such file"),
         ([SCENE, "--with", "ray_cast", "-o", "x.png"], "only a comparison with cycles"),
+        ([SCENE, "--with", "ray_cast", "--to", "1%"], "only a comparison with cycles"),
+        ([SCENE, "--with", "cycles", "--to", "0%"], "a share between 0% and 100%"),
         ([SCENE], "--with"),
         ([SCENE, "--with", "cycles", "-o", "no/such/folder/x.png"], "no such folder"),
     ],

@@ -43,6 +43,10 @@ def test_comparing_with_cycles_finds_agreement_and_changes_nothing(stage: Any) -
     assert outcome is not None
     assert (outcome.kind, outcome.heat.shape) == ("cycles", (HEIGHT, WIDTH))
     assert outcome.numbers["z_fail_share"] == 0.0
+    headline, icon, lines = describe.describe_outcome(outcome.kind, outcome.numbers)
+    assert (headline, icon) in (("Agrees with Cycles", "CHECKMARK"), ("Too few samples to tell", "QUESTION"))
+    assert " ".join(lines).lower() == outcome.numbers["reason"].lower()
+    assert max(map(len, lines)) <= describe.LINE_LETTERS
     assert all(share == 0.0 for share in outcome.numbers["passes"].values())
     assert describe_scene(stage) == before
     assert {thing.name: list(thing.matrix_world) for thing in stage.objects} == objects
@@ -58,6 +62,7 @@ def test_comparing_with_ray_cast_lists_rays_that_can_be_inspected(stage: Any) ->
     numbers = outcome.numbers
     assert numbers["rays"] == WIDTH * HEIGHT + 300
     assert numbers["ours_wrong"] == 0
+    assert describe.describe_outcome(outcome.kind, numbers)[:2] == ("Right by exact arithmetic", "CHECKMARK")
     assert [row.name for row in state.worst] == [entry.label for entry in outcome.worst]
     assert not state.is_running
     for index, entry in enumerate(outcome.worst[:3]):
@@ -73,6 +78,13 @@ def test_comparing_with_ray_cast_lists_rays_that_can_be_inspected(stage: Any) ->
         assert inspected is not None
         assert session.find_verdicts_on(inspected.tree[0]) == verdicts
         assert all(session.find_verdicts_on(ray) is None for ray in inspected.tree[1:])
+
+
+@pytest.mark.parametrize("kind", ["cycles", "ray_cast"])
+def test_a_difference_is_said_in_words(kind: str) -> None:
+    headline, icon, lines = describe.describe_outcome(kind, {"verdict": "differs", "reason": "depth is off"})
+    assert headline.split()[0] == ("Differs" if kind == "cycles" else "Wrong")
+    assert (icon, lines) == ("ERROR", ["Depth is off"])
 
 
 def test_failure_is_one_sentence(stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:

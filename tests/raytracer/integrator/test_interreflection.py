@@ -1,5 +1,7 @@
 """Interreflection: closed forms, limits of bounces, what paths are told of themselves, the same picture every time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -183,6 +185,21 @@ def test_roulette_changes_no_mean(monkeypatch):
     error = np.hypot(cut.std(axis=0), whole.std(axis=0)) / np.sqrt(COUNT)
     assert (cut != whole).any()
     assert (np.abs(cut.mean(axis=0) - whole.mean(axis=0)) <= SIGMAS * error).all()
+
+
+def test_paths_that_two_colors_leave_black_end_without_a_warning():
+    """Red and green walls that share no channel: blue is what shines, red and green bounce on their own walls only.
+
+    Warnings are errors here, and a survival probability of 0 was divided by.
+    """
+    colors = np.array([(0.5, 0.0, 0.0), (0.0, 0.5, 0.0)])
+    walls = [Material((Closure("diffuse", color=color), Closure("emission", color=1.0))) for color in colors]
+    box = replace(BOX, material=np.arange(12, dtype=np.int32) // 2 % 2)
+    seen = look_around(raytracer.Scene(meshes=[box], materials=walls), max_bounces=5)
+    assert np.isfinite(seen).all()
+    assert (seen[:, 2] == 1.0).all()
+    assert (seen[:, :2] >= 1.0).all()
+    assert (seen[:, :2] > 1.0).any(axis=0).all()
 
 
 # Limits --------------------------------------------------------------------------------------------------------------
