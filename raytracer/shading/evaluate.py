@@ -113,12 +113,14 @@ def evaluate_result(program: Program, site: Site) -> Array:
 
 
 def list_steps(program: Program) -> Iterator[Step]:
-    """Yield all steps, those of inner programs included."""
-    for step in program.steps:
-        yield step
-        for value in step.settings.values():
-            if isinstance(value, Program):
-                yield from list_steps(value)
+    """Yield all steps, those of inner programs included, each program once."""
+    waiting, known = [program], {id(program)}
+    while waiting:
+        for step in waiting.pop().steps:
+            yield step
+            inner = [value for value in step.settings.values() if isinstance(value, Program) and id(value) not in known]
+            known.update(map(id, inner))
+            waiting.extend(inner)
 
 
 def list_attributes(program: Program) -> set[str]:
