@@ -15,6 +15,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
+from raytracer.files.replacing import check_replaceable
+
 # A command's module offers add_arguments(parser) and run(arguments); its first line of documentation is its help.
 COMMANDS = {"render": ".render", "compare": ".compare", "bench": ".bench"}
 # Those that need no more than the installed extension.
@@ -138,3 +140,12 @@ def check_blend(file: Path) -> None:
     with file.open("rb") as content:
         if not content.read(8).startswith(BLEND_SIGNATURES):
             raise CommandError(f"{file}: not a .blend file")
+
+
+def check_replaceable_picture(path: Path) -> None:
+    """Raise CommandError, or OSError, where a picture could not be written to `path` after a long render."""
+    if path.is_dir():
+        raise CommandError(f"{path}: is a folder")
+    if not path.parent.is_dir():
+        raise CommandError(f"{path.parent}: no such folder")
+    check_replaceable(path)

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from .command_line import CommandError, first_line, hide_python_output, open_blend
+from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
 from .render import parse_positive, parse_size
 
 DEFAULT_SIZE = (192, 108)
@@ -61,8 +61,7 @@ def check_picture(arguments: argparse.Namespace) -> None:
         raise CommandError("-o: only a comparison with cycles has a picture")
     if path.suffix.lower() != ".png":
         raise CommandError(f"{path}: expected a name that ends in .png")
-    if not path.parent.is_dir():
-        raise CommandError(f"{path.parent}: no such folder")
+    check_replaceable_picture(path)
 
 
 def run_cycles(bpy: Any, size: tuple[int, int], samples: int, output: str | None) -> dict[str, Any]:

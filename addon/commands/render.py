@@ -11,15 +11,16 @@ import argparse
 import contextlib
 import json
 import re
-import shutil
 import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .command_line import CommandError, first_line, hide_python_output, open_blend
+from raytracer.files.pictures import check_picture
+from raytracer.files.replacing import replace_file
+
+from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
 
 SUFFIXES = (".png", ".exr")
 PRECISIONS = ("certified", "float64", "float32")
@@ -100,15 +101,7 @@ def check_output(path: Path, passes: tuple[str, ...] | None) -> Path:
         raise CommandError(f"{path}: expected a name that ends in {' or '.join(SUFFIXES)}")
     if passes and path.suffix.lower() != ".exr":
         raise CommandError(f"{path}: passes need an .exr file")
-    if path.is_dir():
-        raise CommandError(f"{path}: is a folder")
-    if not path.parent.is_dir():
-        raise CommandError(f"{path.parent}: no such folder")
-    is_new = not path.exists()
-    with path.open("ab"):  # the one sure way to know; OSError says why not
-        pass
-    if is_new:
-        path.unlink()
+    check_replaceable_picture(path)
     return path
 
 
@@ -165,27 +158,26 @@ def number_path(path: Path, frame: int) -> Path:
 def render_frame(bpy: Any, scene: Any, path: Path) -> Any:
     """Render the current frame into `path`; return its Statistics.
 
-    Blender's FINISHED proves nothing, and it reads braces in a path as a template: the picture goes to a fresh folder
-    of ours first, and only one that is there moves on.
+    Blender's FINISHED proves nothing, not even that the disk had room for the whole picture: only one that can be read
+    to its end takes the place of what was there.
     """
+    from ..engine.output import measure_picture
     from ..engine.statistics import forget_all, last_render
+    from ..versions import escape_path
 
     forget_all()
-    with tempfile.TemporaryDirectory() as folder:
-        picture = Path(folder) / f"picture{path.suffix.lower()}"
-        scene.render.filepath = str(picture)
+    width, height = measure_picture(scene.render)
+    with replace_file(path, lambda picture: check_picture(picture, width, height)) as picture:
+        scene.render.filepath = escape_path(str(picture))
         scene.render.use_file_extension = False
         with show_progress(path.name), hide_python_output():
             try:
                 bpy.ops.render.render(write_still=True, scene=scene.name)
             except RuntimeError as error:
-                raise CommandError(first_line(str(error))) from None
-        if not picture.exists() or not picture.stat().st_size:
-            raise CommandError(f"{path}: Blender wrote no picture")
-        shutil.move(picture, path)
-    taken = last_render(scene)
-    if taken is None:
-        raise CommandError(f"{path}: the scene's video sequencer made the picture, not the render engine")
+                raise CommandError(first_line(str(error)).replace(str(picture), str(path))) from None
+        taken = last_render(scene)
+        if taken is None:
+            raise CommandError(f"{path}: the scene's video sequencer made the picture, not the render engine")
     return taken
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.files.replacing import replace_file
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
@@ -63,9 +64,13 @@ def save(scene: Scene, path: str | Path) -> None:
             return {"table": {name: outline(item) for name, item in value.items()}}
         return value.item() if isinstance(value, np.generic) else value
 
+    if not isinstance(scene, Scene):
+        raise ValueError(f"save: expected a Scene, got {type(scene).__name__}")
     text = json.dumps({"format": FILE_FORMAT, "scene": outline(scene)})
-    with open(path, "wb") as file:
-        np.savez_compressed(file, outline=np.array(text), **arrays)
+    with replace_file(path) as new, zipfile.ZipFile(new, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in {"outline": np.array(text), **arrays}.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                np.lib.format.write_array(entry, array, allow_pickle=False)
 
 
 def load(path: str | Path) -> Scene:
