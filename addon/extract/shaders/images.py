@@ -67,12 +67,17 @@ def extract_image(image: Any, place: Place) -> Image | None:
     flat = np.empty(count, dtype=np.float32)
     image.pixels.foreach_get(flat)
     pixels = flat.reshape(height, width, -1)
-    found = read_floats(pixels) if image.is_float else read_bytes(pixels)
+    found = read_floats(drop_infinities(pixels)) if image.is_float else read_bytes(pixels)
     if image.alpha_mode == "NONE":
         found[..., 3] = LARGEST_BYTE if found.dtype == np.uint8 else 1.0
     if is_associated(image) and versions.multiplies_alpha(image):
         found = associate(found)
     return Image(found, "linear", image.name) if image.is_float else decode(found, image, place)
+
+
+def drop_infinities(pixels: Pixels) -> Pixels:
+    """Return float pixels with 0 for what is not finite, as Cycles has it (scene/image.cpp)."""
+    return np.nan_to_num(pixels, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def read_floats(pixels: Pixels) -> Pixels:

@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.scene.fields import LARGEST
+
 from ..warnings import WarningList
 
 Color = NDArray[np.float64]
@@ -128,10 +130,10 @@ def find_socket(sockets: Any, identifier: str) -> Any:
 def read_color(value: Any) -> Color:
     """Return a socket's value as (3,) linear RGB, without NaN and negative parts (Cycles clamps them as well)."""
     color = np.full(3, value, dtype=np.float64) if np.ndim(value) == 0 else np.array(value[:3], dtype=np.float64)
-    return np.maximum(np.nan_to_num(color), 0.0)
+    return np.clip(np.nan_to_num(color, posinf=LARGEST), 0.0, LARGEST)
 
 
 def read_number(value: Any) -> float:
     """Return a socket's value as a number: a color's luminance, NaN as 0."""
     number = float(value) if np.ndim(value) == 0 else float(LUMINANCE @ np.array(value[:3], dtype=np.float64))
-    return float(np.nan_to_num(number))
+    return float(np.nan_to_num(number, posinf=LARGEST, neginf=-LARGEST))
