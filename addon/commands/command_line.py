@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
-from raytracer.files.replacing import check_replaceable
+from . import interrupts
 
 # A command's module offers add_arguments(parser) and run(arguments); its first line of documentation is its help.
 COMMANDS = {"render": ".render", "compare": ".compare", "bench": ".bench"}
@@ -55,7 +55,8 @@ def main(argv: Sequence[str] | None = None, program: str = PROGRAM, names: Seque
     arguments = build_parser(program, names).parse_args(argv)
     silence_blender()
     try:
-        arguments.run(arguments)
+        with interrupts.listen():
+            arguments.run(arguments)
     except KeyboardInterrupt:
         return _print_error("interrupted")
     except OSError as error:
@@ -117,17 +118,18 @@ def open_blend(path: str) -> Any:
     """
     file = Path(path)
     check_blend(file)
-    import bpy
+    with interrupts.hold():
+        import bpy
 
-    from ..registration import register
+        from ..registration import register
 
-    if not hasattr(bpy.types.Scene, "reference_raytracer"):  # inside the application it is there already
-        register()
-    try:
-        with hide_python_output():
-            bpy.ops.wm.open_mainfile(filepath=str(file.resolve()), load_ui=False)
-    except RuntimeError as error:
-        raise CommandError(f"{path}: {first_line(str(error))}") from None
+        if not hasattr(bpy.types.Scene, "reference_raytracer"):  # inside the application it is there already
+            register()
+        try:
+            with hide_python_output():
+                bpy.ops.wm.open_mainfile(filepath=str(file.resolve()), load_ui=False)
+        except RuntimeError as error:
+            raise CommandError(f"{path}: {first_line(str(error))}") from None
     return bpy
 
 
@@ -148,4 +150,6 @@ def check_replaceable_picture(path: Path) -> None:
         raise CommandError(f"{path}: is a folder")
     if not path.parent.is_dir():
         raise CommandError(f"{path.parent}: no such folder")
+    from raytracer.files.replacing import check_replaceable  # with it all of the ray tracer, so not for --help
+
     check_replaceable(path)

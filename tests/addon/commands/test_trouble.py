@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from typing import Any
 import bpy
 import pytest
 
+from addon.commands.render import parse_names
 from addon.engine.output import measure_picture
 from raytracer.files.pictures import check_picture
 from tests.addon.engine.engine_fixtures import read_image, save_plane
@@ -55,7 +57,7 @@ def test_a_full_disk_keeps_the_old_picture_and_names_it(blend: Path, tmp_path: P
     out = tmp_path / name
     assert render(blend, out).returncode == 0
     whole = out.read_bytes()
-    for limit in (0, 1, len(whole) // 2, len(whole) - 1):
+    for limit in (1, len(whole) // 2, len(whole) - 1):
         out.write_bytes(b"old")
         options = ("-o", out, "--size", "16x16", "--samples", 1, "--workers", 1)
         assert_refused(run_python("-c", ON_A_SMALL_DISK, limit, "render", blend, *options), str(out))
@@ -121,3 +123,82 @@ def test_the_size_of_the_picture_is_blenders(tmp_path: Path) -> None:
         bpy.ops.render.render(write_still=True)
         height, width = read_image(out).shape[:2]
         assert measure_picture(settings) == (width, height)
+
+
+# What is refused before anything is rendered -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr"])
+def test_view_layers_that_are_all_off_are_named_and_the_old_picture_stays(tmp_path: Path, name: str) -> None:
+    path, out = save_plane(tmp_path / "plane.blend"), tmp_path / name
+    out.write_bytes(b"old")
+    for layer in bpy.context.scene.view_layers:
+        layer.use = False
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
+    assert_refused(render(path, out), "no view layer is used for rendering")
+    assert out.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("--samples", "2147483648", "--samples: expected a number from 1 to 2147483647, got 2147483648"),
+        ("--samples", "9" * 30, "--samples: expected a number from 1 to 2147483647"),
+        ("--bounces", "1025", "--bounces: expected a number from 0 to 1024, got 1025"),
+        ("--workers", "1025", "--workers: expected a number from 0 to 1024, got 1025"),
+        ("--frame", "1048575", "--frame: expected a number from -1048574 to 1048574, got 1048575"),
+        ("--frames", "5-9999999999", "--frames: expected a number from -1048574 to 1048574, got 9999999999"),
+    ],
+)
+def test_numbers_out_of_range_are_named_by_their_option(
+    blend: Path, tmp_path: Path, option: str, value: str, words: str
+) -> None:
+    assert_refused(run_python("-m", "addon", "render", blend, "-o", tmp_path / "a.png", option, value), words)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("names", [",", "", "Depth,", ",,Depth"])
+def test_lists_of_passes_without_names_are_refused(names: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="expected names with commas between them"):
+        parse_names(names)
+    assert parse_names("Depth, Normal") == ("Depth", "Normal")
+
+
+def test_a_folder_as_the_map_of_a_comparison_is_refused_before_rendering(tmp_path: Path) -> None:
+    """The file of the scene is none, which would be named if it had been opened before."""
+    folder = tmp_path / "folder.png"
+    folder.mkdir()
+    done = run_python("-m", "addon", "compare", "Makefile", "--with", "cycles", "-o", folder)
+    assert_refused(done, "folder.png: is a folder")
+
+
+# Ctrl-C --------------------------------------------------------------------------------------------------------------
+
+# The command line, to which Ctrl-C comes so many seconds after it has begun.
+INTERRUPTED = """
+import contextlib, os, signal, sys, threading
+from addon.commands import command_line, interrupts
+timer = threading.Timer(float(sys.argv.pop(1)), os.kill, (os.getpid(), signal.SIGINT))
+timer.daemon = True
+listen = interrupts.listen
+@contextlib.contextmanager
+def listen_and_start():
+    with listen():
+        timer.start()
+        yield
+interrupts.listen = listen_and_start
+sys.exit(command_line.main(sys.argv[1:]))
+"""
+QUICK_DELAYS = (0.0, 0.3, 0.8, 1.5)
+MORE_DELAYS = [pytest.param(0.1 * k, marks=pytest.mark.slow) for k in range(1, 30)]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows sends Ctrl-C to whole consoles only")
+@pytest.mark.parametrize("delay", [*QUICK_DELAYS, *MORE_DELAYS])
+def test_an_interrupt_at_any_time_ends_in_one_line(blend: Path, tmp_path: Path, delay: float) -> None:
+    out = tmp_path / "a.png"
+    out.write_bytes(b"old")
+    options = ("-o", out, "--size", "640x640", "--samples", 4096, "--workers", 1)
+    assert_refused(run_python("-c", INTERRUPTED, delay, "render", blend, *options), "error: interrupted")
+    assert out.read_bytes() == b"old"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
