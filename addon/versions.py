@@ -86,6 +86,11 @@ def read_light_settings(light: Any) -> LightSettings:
     )
 
 
+def escape_path(path: str, version: tuple[int, ...] = VERSION) -> str:
+    """Return an output path as Blender wants it: since 5.0 braces are templates, and written twice."""
+    return path.replace("{", "{{").replace("}", "}}") if version >= (5, 0) else path
+
+
 def multiplies_alpha(image: Any, version: tuple[int, ...] = VERSION) -> bool:
     """Return True where Cycles multiplies the colors that Blender hands it by their alpha.
 

@@ -18,7 +18,7 @@ from tests.folders import ROOT
 
 FLOORS = {
     "raytracer": (
-        *("lecture", "arrays", "predicates", "sampling", "scene", "textures", "processes", "casting", "film"),
+        *("lecture", "files", "arrays", "predicates", "sampling", "scene", "textures", "processes", "casting", "film"),
         *("surfaces", "bsdfs", "shading", "lights", "integrator", "rendering", "__init__"),
     ),
     "addon": (

@@ -15,6 +15,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
+from . import interrupts
+
 # A command's module offers add_arguments(parser) and run(arguments); its first line of documentation is its help.
 COMMANDS = {"render": ".render", "compare": ".compare", "bench": ".bench"}
 # Those that need no more than the installed extension.
@@ -60,7 +62,8 @@ def main(argv: Sequence[str] | None = None, program: str = PROGRAM, names: Seque
     arguments = build_parser(program, names).parse_args(argv)
     silence_blender()
     try:
-        arguments.run(arguments)
+        with interrupts.listen():
+            arguments.run(arguments)
     except KeyboardInterrupt:
         return _print_error("interrupted")
     except OSError as error:
@@ -124,17 +127,18 @@ def open_blend(path: str) -> Any:
     """
     file = Path(path)
     check_blend(file)
-    import bpy
+    with interrupts.hold():
+        import bpy
 
-    from ..registration import register
+        from ..registration import register
 
-    if not hasattr(bpy.types.Scene, "reference_raytracer"):  # inside the application it is there already
-        register()
-    try:
-        with hide_python_output():
-            bpy.ops.wm.open_mainfile(filepath=str(file.resolve()), load_ui=False)
-    except RuntimeError as error:
-        raise CommandError(f"{path}: {first_line(str(error))}") from None
+        if not hasattr(bpy.types.Scene, "reference_raytracer"):  # inside the application it is there already
+            register()
+        try:
+            with hide_python_output():
+                bpy.ops.wm.open_mainfile(filepath=str(file.resolve()), load_ui=False)
+        except RuntimeError as error:
+            raise CommandError(f"{path}: {first_line(str(error))}") from None
     return bpy
 
 
@@ -147,3 +151,14 @@ def check_blend(file: Path) -> None:
     with file.open("rb") as content:
         if not content.read(8).startswith(BLEND_SIGNATURES):
             raise CommandError(f"{file}: not a .blend file")
+
+
+def check_replaceable_picture(path: Path) -> None:
+    """Raise CommandError, or OSError, where a picture could not be written to `path` after a long render."""
+    if path.is_dir():
+        raise CommandError(f"{path}: is a folder")
+    if not path.parent.is_dir():
+        raise CommandError(f"{path.parent}: no such folder")
+    from raytracer.files.replacing import check_replaceable  # with it all of the ray tracer, so not for --help
+
+    check_replaceable(path)

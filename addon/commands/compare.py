@@ -8,7 +8,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from .command_line import CommandError, first_line, hide_python_output, open_blend
+from . import interrupts
+from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
 from .render import parse_positive, parse_size
 
 DEFAULT_SIZE = (192, 108)
@@ -77,6 +78,7 @@ def run(arguments: argparse.Namespace) -> None:
     compare = run_cycles if arguments.other == "cycles" else run_ray_cast
     with hide_python_output():
         numbers = compare(bpy, arguments)
+    interrupts.check()  # what Blender's callbacks have swallowed
     if arguments.json:
         print(json.dumps(numbers), flush=True)
     else:
@@ -101,8 +103,7 @@ def check_picture(arguments: argparse.Namespace) -> None:
         raise CommandError("-o: only a comparison with cycles has a picture")
     if path.suffix.lower() != ".png":
         raise CommandError(f"{path}: expected a name that ends in .png")
-    if not path.parent.is_dir():
-        raise CommandError(f"{path.parent}: no such folder")
+    check_replaceable_picture(path)
 
 
 def run_cycles(bpy: Any, arguments: argparse.Namespace) -> dict[str, Any]:

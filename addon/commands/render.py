@@ -11,18 +11,19 @@ import argparse
 import contextlib
 import json
 import re
-import shutil
 import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .command_line import CommandError, first_line, hide_python_output, open_blend
+from . import interrupts
+from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
 
 SUFFIXES = (".png", ".exr")
 PRECISIONS = ("certified", "float64", "float32")
+# What --bounces sets.
+BOUNCES = ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces")
 JSON_KEYS = (
     *("passes", "width", "height", "samples", "triangles", "rays"),
     *("build_seconds", "trace_seconds", "total_seconds", "peak_memory_mb", "warnings"),
@@ -76,8 +77,11 @@ def parse_positive(text: str) -> int:
 
 
 def parse_names(text: str) -> tuple[str, ...]:
-    """Return the names of a list with commas."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+    """Return the names of a list with commas; at least one."""
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"expected names with commas between them, such as Depth,Normal, got {text!r}")
+    return names
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -85,11 +89,14 @@ def run(arguments: argparse.Namespace) -> None:
     output = check_output(Path(arguments.output), arguments.passes)
     bpy = open_blend(arguments.file)
     scene = bpy.context.scene
+    check_limits(scene, arguments)
     apply_arguments(scene, arguments)
+    check_view_layers(scene)
     frames = arguments.frames or [scene.frame_current if arguments.frame is None else arguments.frame]
     for frame in frames:
         path = number_path(output, frame) if arguments.frames else output
-        scene.frame_set(frame)
+        with interrupts.hold():
+            scene.frame_set(frame)
         taken = render_frame(bpy, scene, path)
         print_result(path, taken, arguments.json)
 
@@ -100,16 +107,32 @@ def check_output(path: Path, passes: tuple[str, ...] | None) -> Path:
         raise CommandError(f"{path}: expected a name that ends in {' or '.join(SUFFIXES)}")
     if passes and path.suffix.lower() != ".exr":
         raise CommandError(f"{path}: passes need an .exr file")
-    if path.is_dir():
-        raise CommandError(f"{path}: is a folder")
-    if not path.parent.is_dir():
-        raise CommandError(f"{path.parent}: no such folder")
-    is_new = not path.exists()
-    with path.open("ab"):  # the one sure way to know; OSError says why not
-        pass
-    if is_new:
-        path.unlink()
+    check_replaceable_picture(path)
     return path
+
+
+def check_limits(scene: Any, arguments: argparse.Namespace) -> None:
+    """Raise CommandError where a number is larger than Blender's property for it."""
+    settings = scene.reference_raytracer.bl_rna.properties
+    properties = {"samples": settings["samples"], "bounces": settings[BOUNCES[0]], "workers": settings["workers"]}
+    for name, limits in properties.items():
+        check_limit(f"--{name}", getattr(arguments, name), limits)
+    frames = scene.bl_rna.properties["frame_current"]
+    check_limit("--frame", arguments.frame, frames)
+    for frame in (arguments.frames.start, arguments.frames.stop - 1) if arguments.frames else ():
+        check_limit("--frames", frame, frames)
+
+
+def check_limit(option: str, value: int | None, limits: Any) -> None:
+    """Raise CommandError unless the value of an option is one that the property `limits` takes."""
+    if value is not None and not limits.hard_min <= value <= limits.hard_max:
+        raise CommandError(f"{option}: expected a number from {limits.hard_min} to {limits.hard_max}, got {value}")
+
+
+def check_view_layers(scene: Any) -> None:
+    """Raise CommandError where nothing would be rendered: Blender writes a picture all the same, or crashes."""
+    if not any(layer.use for layer in scene.view_layers):
+        raise CommandError(f"scene '{scene.name}': no view layer is used for rendering (Use for Rendering is off)")
 
 
 def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
@@ -124,7 +147,7 @@ def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
         render.resolution_percentage = 100
     for name, value in (
         ("samples", arguments.samples),
-        *((f"{kind}_bounces", arguments.bounces) for kind in ("max", "diffuse", "glossy", "transmission")),
+        *((name, arguments.bounces) for name in BOUNCES),
         ("workers", arguments.workers),
         ("precision", arguments.precision and arguments.precision.upper()),
     ):
@@ -165,51 +188,63 @@ def number_path(path: Path, frame: int) -> Path:
 def render_frame(bpy: Any, scene: Any, path: Path) -> Any:
     """Render the current frame into `path`; return its Statistics.
 
-    Blender's FINISHED proves nothing, and it reads braces in a path as a template: the picture goes to a fresh folder
-    of ours first, and only one that is there moves on.
+    Blender's FINISHED proves nothing, not even that the disk had room for the whole picture: only one that can be read
+    to its end takes the place of what was there.
     """
+    from raytracer.files.pictures import check_picture
+    from raytracer.files.replacing import replace_file
+
+    from ..engine.output import measure_picture
     from ..engine.statistics import forget_all, last_render
+    from ..versions import escape_path
 
     forget_all()
-    with tempfile.TemporaryDirectory() as folder:
-        picture = Path(folder) / f"picture{path.suffix.lower()}"
-        scene.render.filepath = str(picture)
+    width, height = measure_picture(scene.render)
+    with replace_file(path, lambda picture: check_picture(picture, width, height)) as picture:
+        scene.render.filepath = escape_path(str(picture))
         scene.render.use_file_extension = False
-        with show_progress(path.name), hide_python_output():
+        with interrupts.hold(), show_progress(path.name), hide_python_output():
             try:
                 bpy.ops.render.render(write_still=True, scene=scene.name)
             except RuntimeError as error:
-                raise CommandError(first_line(str(error))) from None
-        if not picture.exists() or not picture.stat().st_size:
-            raise CommandError(f"{path}: Blender wrote no picture")
-        shutil.move(picture, path)
-    taken = last_render(scene)
-    if taken is None:
-        raise CommandError(f"{path}: the scene's video sequencer made the picture, not the render engine")
+                raise CommandError(first_line(str(error)).replace(str(picture), str(path))) from None
+        taken = last_render(scene)
+        if taken is None:
+            raise CommandError(f"{path}: the scene's video sequencer made the picture, not the render engine")
     return taken
 
 
 @contextlib.contextmanager
 def show_progress(label: str) -> Iterator[None]:
-    """Show a progress bar on standard error while rendering: on a terminal, where tqdm is installed."""
+    """Show a progress bar on standard error while rendering: on a terminal, where tqdm is installed.
+
+    Where the engine tells how far it is, it is Python that runs, so there a Ctrl-C that has been noted ends the render.
+    """
     from ..engine.engine import progress_listeners
 
+    with contextlib.ExitStack() as stack:
+        bar = make_bar(label)
+        if bar is not None:
+            stack.enter_context(bar)
+
+        def listener(share: float) -> None:
+            interrupts.check()
+            if bar is not None:
+                bar.update(share - bar.n)
+
+        progress_listeners.append(listener)
+        stack.callback(progress_listeners.remove, listener)
+        yield
+
+
+def make_bar(label: str) -> Any:
+    """Return a progress bar of tqdm, or None where it is not installed."""
     try:
         from tqdm import tqdm
     except ImportError:
-        yield
-        return
+        return None
     layout = "{desc}: {percentage:3.0f}%|{bar}| {elapsed} < {remaining}"
-    with tqdm(total=1.0, desc=label, file=sys.stderr, disable=None, bar_format=layout) as bar:
-
-        def listener(share: float) -> None:
-            bar.update(share - bar.n)
-
-        progress_listeners.append(listener)
-        try:
-            yield
-        finally:
-            progress_listeners.remove(listener)
+    return tqdm(total=1.0, desc=label, file=sys.stderr, disable=None, bar_format=layout)
 
 
 def print_result(path: Path, taken: Any, as_json: bool) -> None:

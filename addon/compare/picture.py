@@ -17,6 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raytracer.files.pictures import check_picture
+from raytracer.files.replacing import replace_file
+
 # Black, dark red, orange, yellow, white: no error to the largest error.
 HEAT = np.array([(0, 0, 0), (120, 0, 40), (230, 90, 0), (255, 215, 60), (255, 255, 255)], dtype=np.float64)
 
@@ -45,8 +48,8 @@ def save_png(path: str | Path, pixels: NDArray[np.uint8]) -> None:
     rows = b"".join(b"\0" + row.tobytes() for row in pixels)  # each row: filter 0 (none), then its bytes
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)  # 8 bits, RGB
     chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
-    with open(path, "wb") as file:
-        file.write(b"\x89PNG\r\n\x1a\n")
-        for kind, content in chunks:
-            file.write(struct.pack(">I", len(content)) + kind + content)
-            file.write(struct.pack(">I", zlib.crc32(kind + content)))
+    content = b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    )
+    with replace_file(path, lambda new: check_picture(new, width, height)) as new:
+        new.write_bytes(b"\x89PNG\r\n\x1a\n" + content)

@@ -51,6 +51,16 @@ def read_border(settings: Any, width: int, height: int) -> Border:
     )
 
 
+def measure_picture(settings: Any) -> tuple[int, int]:
+    """Return the width and height, in pixels, of the picture that Blender writes with `Scene.render`."""
+    sides = (settings.resolution_x, settings.resolution_y)
+    width, height = (side * settings.resolution_percentage // 100 for side in sides)
+    if not settings.use_crop_to_border:
+        return width, height
+    border = read_border(settings, width, height)
+    return border.width, border.height
+
+
 class RenderOutput:
     """Blender's result of one view layer, open inside a `with` block and always ended.
 

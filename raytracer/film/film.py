@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Floats, Indices
 from raytracer.film.passes import CAUGHT, PASSES, STORED, select_passes
 
+LARGEST = np.finfo(np.float32).max
+
 
 @dataclass
 class Statistics:
@@ -93,7 +95,7 @@ class Film:
     def __getitem__(self, name: str) -> NDArray[np.float32]:
         """Return one pass, (h, w, channels) float32; row 0 is the TOP row of the picture.
 
-        The mean of the samples so far; 0 where there are none yet.
+        The mean of the samples so far; 0 where there are none yet. What is too large for float32 is its largest number.
         """
         if name not in self.names:
             raise KeyError(f"the film has no pass {name!r}; it has {', '.join(self.names)}")
@@ -103,7 +105,7 @@ class Film:
             values = self._sums[name][pixels] if PASSES[name].from_centre else self._average(name, pixels)
             if name == "Combined" and self.catches:
                 values = show_shadows(values, self._average(CAUGHT, pixels))
-            picture[self.height - 1 - row] = values
+            picture[self.height - 1 - row] = np.clip(values, -LARGEST, LARGEST)  # float32 has no more
         return picture
 
     def _average(self, name: str, pixels: slice) -> Floats:

@@ -24,6 +24,7 @@ from raytracer.sampling.dimensions import FILTER_DIMENSION, LENS_DIMENSION
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
+from raytracer.shading.evaluate import check_programs
 
 # Seconds of work between two signs of progress. (`is_cancelled` is asked at every cast, far more often.)
 BLOCK_SECONDS = 1.0
@@ -103,6 +104,7 @@ def make_window(scene: Scene, width: int, height: int, settings: Settings) -> Fr
         raise ValueError(f"render: expected a picture of at most 2^32 pixels, got {width} x {height}")
     if scene.camera is None:
         raise ValueError("Scene: camera: expected a Camera to render through, got None")
+    check_programs(scene)
     x_min, y_min, x_max, y_max = settings.border or (0, 0, width, height)
     if x_max > width or y_max > height:
         raise ValueError(

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.arrays.checks import require_choice, require_range
-from raytracer.scene.fields import set_array, set_field, set_number
+from raytracer.arrays.checks import as_array, require_choice, require_range
+from raytracer.scene.fields import set_array, set_count, set_field, set_number
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,11 @@ class Camera:
 
     def __post_init__(self) -> None:
         tiny = np.nextafter(0.0, 1.0)
-        set_array(self, "world_from_camera", np.float64, (4, 4), "Camera")
+        matrix = set_array(self, "world_from_camera", np.float64, (4, 4), "Camera")
+        if (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():
+            raise ValueError(
+                f"Camera: world_from_camera: expected (0, 0, 0, 1) as the last row, got {matrix[3].tolist()}"
+            )
         require_choice(self.projection, ("perspective", "orthographic"), "Camera: projection")
         require_choice(self.sensor_fit, ("auto", "horizontal", "vertical"), "Camera: sensor_fit")
         lens = ("focal_length", "sensor_width", "sensor_height", "ortho_scale", "pixel_aspect")
@@ -58,6 +62,7 @@ class Camera:
             set_number(self, name, -np.inf, np.inf, "Camera")
         for name in ("clip_start", "aperture_radius"):
             set_number(self, name, 0.0, np.inf, "Camera")
-        require_range(set_array(self, "aperture_blades", np.int32, (), "Camera"), 0, np.inf, "Camera: aperture_blades")
-        set_field(self, "aperture_blades", int(self.aperture_blades))
-        require_range(np.asarray(self.clip_end), self.clip_start, np.inf, "Camera: clip_end")
+        set_count(self, "aperture_blades", "Camera")
+        clip_end = as_array(self.clip_end, np.float64, (), "Camera: clip_end")
+        require_range(clip_end, self.clip_start, np.inf, "Camera: clip_end")
+        set_field(self, "clip_end", float(clip_end))

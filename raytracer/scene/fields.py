@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,8 @@ SEEN_BY_ALL = sum(SEEN_BY.values())
 # Each object belongs to one of so many sets; what shines lights some of them, as bits of a number.
 SET_COUNT = 63
 ALL_SETS = 2**SET_COUNT - 1
+# What pictures, which are float32, can show; and products of a few such numbers are finite in float64.
+LARGEST = float(np.finfo(np.float32).max)
 
 
 def set_field(record: Any, name: str, value: Any) -> None:
@@ -35,12 +37,32 @@ def set_color(record: Any, name: str, label: str) -> None:
     """Replace a field by a non-negative linear RGB triple; a single number stands for grey."""
     value = getattr(record, name)
     set_field(record, name, np.full(3, value, dtype=np.float64) if np.ndim(value) == 0 else value)
-    require_range(set_array(record, name, np.float64, (3,), label), 0.0, np.inf, f"{label}: {name}")
+    require_range(set_array(record, name, np.float64, (3,), label), 0.0, LARGEST, f"{label}: {name}")
 
 
 def set_number(record: Any, name: str, low: float, high: float, label: str) -> None:
-    require_range(set_array(record, name, np.float64, (), label), low, high, f"{label}: {name}")
+    limits = max(low, -LARGEST), min(high, LARGEST)
+    require_range(set_array(record, name, np.float64, (), label), *limits, f"{label}: {name}")
     set_field(record, name, float(getattr(record, name)))
+
+
+def set_flags(record: Any, names: Sequence[str], label: str) -> None:
+    """Check fields that are True or False."""
+    for name in names:
+        set_field(record, name, bool(set_array(record, name, np.bool_, (), label)))
+
+
+def set_count(record: Any, name: str, label: str) -> None:
+    """Check a field that is a whole number of 0 or more, such as an index."""
+    value = set_array(record, name, np.int32, (), label)
+    require_range(value, 0, np.iinfo(np.int32).max, f"{label}: {name}")
+    set_field(record, name, int(value))
+
+
+def require_text(value: Any, field: str) -> None:
+    """Raise ValueError unless `value` is text."""
+    if not isinstance(value, str):
+        raise ValueError(f"{field}: expected text, got {type(value).__name__}")
 
 
 def set_seen_by(record: Any, label: str) -> None:
@@ -55,3 +77,21 @@ def set_receivers(record: Any, label: str) -> None:
     mask = set_array(record, "receivers", np.int64, (), label)
     require_range(mask, 0, ALL_SETS, f"{label}: receivers")
     set_field(record, "receivers", int(mask))
+
+
+def make_records(value: Any, kind: Any, field: str) -> tuple[Any, ...]:
+    """Return records as a tuple; one alone, or None, stands for a sequence of one or none.
+
+    Raises
+    ------
+    ValueError
+        If something else than a record of that kind is among them.
+    """
+    if isinstance(value, kind):
+        return (value,)
+    records = tuple(value) if isinstance(value, Iterable) else () if value is None else (value,)
+    for record in records:
+        if not isinstance(record, kind):
+            wanted = getattr(kind, "__name__", "light")
+            raise ValueError(f"{field}: expected {wanted} records, got {type(record).__name__}")
+    return records

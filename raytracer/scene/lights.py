@@ -12,17 +12,29 @@ from raytracer.scene.fields import (
     ALL_SETS,
     SEEN_BY,
     SEEN_BY_ALL,
+    require_text,
     set_array,
     set_color,
     set_field,
+    set_flags,
     set_number,
     set_receivers,
     set_seen_by,
 )
-from raytracer.scene.programs import Program, Register, check_register
+from raytracer.scene.programs import Program, Register, check_program, check_register
 
 # Blender's default ray visibility of a light; shadow rays are not affected.
 LIGHT_SEEN_BY = SEEN_BY_ALL - SEEN_BY["camera"]
+
+
+def check_shared_fields(light: Any) -> str:
+    """Check what all lights have; return how messages name the light."""
+    require_text(light.name, f"{type(light).__name__}: name")
+    label = f"{type(light).__name__} {light.name!r}"
+    set_flags(light, ("cast_shadow", "shadow_catcher"), label)
+    set_seen_by(light, label)
+    set_receivers(light, label)
+    return label
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +60,11 @@ class PointLight:
     receivers: int = ALL_SETS
 
     def __post_init__(self) -> None:
-        label = f"PointLight {self.name!r}"
+        label = check_shared_fields(self)
         set_array(self, "position", np.float64, (3,), label)
+        set_flags(self, ("soft_falloff",), label)
         set_color(self, "power", label)
         set_number(self, "radius", 0.0, np.inf, label)
-        set_seen_by(self, label)
-        set_receivers(self, label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,16 +113,16 @@ class SunLight:
     receivers: int = ALL_SETS
 
     def __post_init__(self) -> None:
-        label = f"SunLight {self.name!r}"
+        label = check_shared_fields(self)
         direction = set_array(self, "direction", np.float64, (3,), label)
-        length = np.linalg.norm(direction)
-        if length == 0:
+        largest = np.abs(direction).max()
+        if largest == 0:
             raise ValueError(f"{label}: direction: expected a vector other than zero, got {direction.tolist()}")
-        set_field(self, "direction", direction / length)
+        # Where a square would leave float64, or a length is not 1 to the last bit: scaled by a power of 2, exactly.
+        scaled = np.ldexp(direction, -int(np.frexp(largest)[1]))
+        set_field(self, "direction", scaled / np.linalg.norm(scaled))
         set_color(self, "strength", label)
         set_number(self, "angle", 0.0, np.pi, label)
-        set_seen_by(self, label)
-        set_receivers(self, label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,14 +148,12 @@ class AreaLight:
     receivers: int = ALL_SETS
 
     def __post_init__(self) -> None:
-        label = f"AreaLight {self.name!r}"
+        label = check_shared_fields(self)
         for name in ("position", "axis_u", "axis_v"):
             set_array(self, name, np.float64, (3,), label)
         set_color(self, "power", label)
         require_choice(self.shape, ("rectangle", "ellipse"), f"{label}: shape")
         set_number(self, "spread", 0.0, np.pi, label)
-        set_seen_by(self, label)
-        set_receivers(self, label)
 
 
 Light = PointLight | SpotLight | SunLight | AreaLight
@@ -162,6 +171,7 @@ class World:
     program: Program | None = None
 
     def __post_init__(self) -> None:
+        check_program(self.program, "World: program")
         if isinstance(self.color, Register):
             check_register(self.color, self.program, "World: color")
         else:

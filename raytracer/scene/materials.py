@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from raytracer.arrays.checks import require_choice
-from raytracer.scene.fields import set_color, set_field, set_number
-from raytracer.scene.programs import Program, Register, check_register, make_value
+from raytracer.scene.fields import make_records, require_text, set_color, set_count, set_field, set_flags, set_number
+from raytracer.scene.programs import Program, Register, check_program, check_register, make_value
 
 # The colors of a closure, its directions, and the range of each of its numbers.
 CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction")
@@ -124,10 +124,15 @@ class Material:
     transparent_shadow: bool = True
 
     def __post_init__(self) -> None:
-        set_field(self, "closures", tuple(self.closures))
+        require_text(self.name, "Material: name")
+        label = f"Material {self.name!r}"
+        set_count(self, "pass_index", label)
+        set_flags(self, ("transparent_shadow",), label)
+        check_program(self.program, f"{label}: program")
+        set_field(self, "closures", make_records(self.closures, Closure, f"{label}: closures"))
         for closure in self.closures:
             for name, register in closure.registers.items():
-                check_register(register, self.program, f"Material {self.name!r}: {closure.kind}: {name}")
+                check_register(register, self.program, f"{label}: {closure.kind}: {name}")
 
 
 DEFAULT_MATERIAL = Material((Closure("diffuse", color=0.8),), name="default")

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.arrays.checks import require_choice, require_finite
+from raytracer.scene.fields import make_records, require_text
 
 # How an image's stored numbers become scene linear ones: as they are, or by the curve of sRGB.
 ENCODINGS = ("linear", "srgb")
@@ -40,13 +41,15 @@ def make_value(value: Any, label: str) -> Value:
     """
     if isinstance(value, Register):
         return value
-    if np.ndim(value) == 0:
-        require_finite(np.asarray(value, dtype=np.float64), label)
-        return float(value)
-    array = np.array(value, dtype=np.float64)
-    if array.shape != (3,):
-        raise ValueError(f"{label}: expected a number, three numbers or a Register, got shape {array.shape}")
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.empty((0, 0))
+    if array.shape not in ((), (3,)):
+        raise ValueError(f"{label}: expected a number, three numbers or a Register, got {type(value).__name__}")
     require_finite(array, label)
+    if array.ndim == 0:
+        return float(array)
     array.flags.writeable = False
     return array
 
@@ -64,6 +67,7 @@ class Image:
     name: str = ""
 
     def __post_init__(self) -> None:
+        require_text(self.name, "Image: name")
         label = f"Image {self.name!r}"
         pixels = np.asarray(self.pixels)
         if pixels.ndim != 3 or pixels.shape[2] != 4 or 0 in pixels.shape or pixels.dtype not in (np.uint8, np.float32):
@@ -71,6 +75,8 @@ class Image:
         require_choice(self.encoding, ENCODINGS, f"{label}: encoding")
         pixels = np.ascontiguousarray(pixels).view()
         pixels.flags.writeable = False
+        if pixels.dtype != np.uint8:
+            require_finite(pixels, f"{label}: pixels")
         object.__setattr__(self, "pixels", pixels)
 
 
@@ -88,8 +94,11 @@ class Step:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        label = f"Step {self.operation!r}: inputs"
-        object.__setattr__(self, "inputs", tuple(make_value(value, label) for value in self.inputs))
+        require_text(self.operation, "Step: operation")
+        label = f"Step {self.operation!r}"
+        if not isinstance(self.inputs, Sequence) or not isinstance(self.settings, Mapping):
+            raise ValueError(f"{label}: expected a sequence of inputs and a table of settings")
+        object.__setattr__(self, "inputs", tuple(make_value(value, f"{label}: inputs") for value in self.inputs))
         object.__setattr__(self, "settings", dict(self.settings))
 
 
@@ -104,18 +113,29 @@ class Program:
     result: Value | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "steps", tuple(self.steps))
+        object.__setattr__(self, "steps", make_records(self.steps, Step, "Program: steps"))
         for number, step in enumerate(self.steps):
             for value in step.inputs:
-                if isinstance(value, Register) and not 0 <= value.step < number:
-                    raise ValueError(
-                        f"Program: step {number} ({step.operation}): expected registers of steps before it, got {value}"
-                    )
+                require_step(value, number, f"Program: step {number} ({step.operation})")
+        if self.result is not None:
+            object.__setattr__(self, "result", make_value(self.result, "Program: result"))
         check_register(self.result, self, "Program: result")
+
+
+def check_program(value: Any, label: str) -> None:
+    """Raise ValueError if `value` is neither a Program nor None."""
+    if value is not None and not isinstance(value, Program):
+        raise ValueError(f"{label}: expected a Program or None, got {type(value).__name__}")
 
 
 def check_register(value: Any, program: Program | None, label: str) -> None:
     """Raise ValueError if `value` is a Register of a step that `program` does not have."""
-    count = len(program.steps) if program is not None else 0
-    if isinstance(value, Register) and not 0 <= value.step < count:
-        raise ValueError(f"{label}: expected a register of one of the {count} steps of the program, got {value}")
+    require_step(value, len(program.steps) if program is not None else 0, label)
+
+
+def require_step(value: Any, count: int, label: str) -> None:
+    """Raise ValueError if `value` is a Register other than of one of the first `count` steps."""
+    if not isinstance(value, Register):
+        return
+    if type(value.step) is not int or not isinstance(value.output, str) or not 0 <= value.step < count:
+        raise ValueError(f"{label}: expected a register of one of the {count} steps before it, got {value}")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.scene.camera import Camera
-from raytracer.scene.fields import set_field
+from raytracer.scene.fields import make_records, require_text, set_field
 from raytracer.scene.lights import Light, World
 from raytracer.scene.materials import DEFAULT_MATERIAL, Material
 from raytracer.scene.shapes import Instances, Mesh, Spheres
@@ -53,13 +53,13 @@ class Scene:
 
     def __post_init__(self) -> None:
         for name, kind in (("meshes", Mesh), ("spheres", Spheres), ("materials", Material), ("lights", Light)):
+            set_field(self, name, make_records(getattr(self, name), kind, f"Scene: {name}"))
+        optional: tuple[tuple[str, type], ...] = (("instances", Instances), ("world", World), ("camera", Camera))
+        for name, record in optional:
             value = getattr(self, name)
-            records = (value,) if isinstance(value, kind) else tuple(value or ())
-            for record in records:
-                if not isinstance(record, kind):
-                    wanted = getattr(kind, "__name__", "light")
-                    raise ValueError(f"Scene: {name}: expected {wanted} records, got {type(record).__name__}")
-            set_field(self, name, records)
+            if value is not None and not isinstance(value, record):
+                raise ValueError(f"Scene: {name}: expected {record.__name__} or None, got {type(value).__name__}")
+        require_text(self.name, "Scene: name")
         if not self.materials:
             set_field(self, "materials", (DEFAULT_MATERIAL,))
         if self.instances is not None and len(self.instances):

@@ -10,7 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.checks import as_array, require_finite, require_range
-from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL, SET_COUNT, set_array, set_field, set_receivers, set_seen_by
+from raytracer.scene.fields import (
+    ALL_SETS,
+    SEEN_BY_ALL,
+    SET_COUNT,
+    require_text,
+    set_array,
+    set_count,
+    set_field,
+    set_flags,
+    set_receivers,
+    set_seen_by,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +55,7 @@ class Mesh:
     attributes: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        require_text(self.name, "Mesh: name")
         label = f"Mesh {self.name!r}" if self.name else "Mesh"
         positions = set_array(self, "positions", np.float64, ("v", 3), label)
         triangles = set_array(self, "triangles", np.int32, ("t", 3), label)
@@ -58,10 +70,13 @@ class Mesh:
                 per_corner = np.ndim(getattr(self, name)) == 3
                 shape = (len(triangles), 3, width) if per_corner else (len(positions), width)
                 set_array(self, name, np.float64, shape, label)
+        if not isinstance(self.attributes, Mapping):
+            raise ValueError(f"{label}: attributes: expected a table, got {type(self.attributes).__name__}")
         set_field(self, "attributes", {name: self._check_attribute(name, label) for name in self.attributes})
         _set_material(self, len(triangles), label)
 
     def _check_attribute(self, name: str, label: str) -> NDArray[Any]:
+        require_text(name, f"{label}: attributes")
         value = np.asarray(self.attributes[name])
         rows = (len(self.triangles), 3) if value.ndim == 3 else (len(self.positions),)
         array = as_array(value, np.float64, (*rows, "k"), f"{label}: attribute {name!r}")
@@ -106,7 +121,10 @@ class Spheres:
     receivers: int = ALL_SETS
 
     def __post_init__(self) -> None:
+        require_text(self.name, "Spheres: name")
         label = f"Spheres {self.name!r}" if self.name else "Spheres"
+        set_count(self, "pass_index", label)
+        set_flags(self, ("holdout", "shadow_catcher"), label)
         centres = set_array(self, "centres", np.float64, ("s", 3), label)
         radii = set_array(self, "radii", np.float64, (len(centres),), label)
         require_range(radii, np.nextafter(0.0, 1.0), np.inf, f"{label}: radii")

@@ -23,7 +23,10 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.arrays.checks import require_choice
+from raytracer.scene.fields import LARGEST, require_text
 from raytracer.scene.programs import Program, Register, Step, Value
+from raytracer.scene.scene import Scene
 from raytracer.shading.nodes import (
     arithmetic,
     blackbody,
@@ -56,14 +59,23 @@ Outputs = dict[Register, Any]
 
 
 def run_step(step: Step, site: Site | None, read: Any) -> tuple[Any, ...]:
-    """Return a step's outputs; `read` turns its inputs into arrays. The site may be None for pure operations."""
+    """Return a step's outputs; `read` turns its inputs into arrays. The site may be None for pure operations.
+
+    Raises
+    ------
+    ValueError
+        If the operation cannot do with the step's settings.
+    """
     operation = OPERATIONS[step.operation]
     arguments = [read(value) for value in step.inputs]
     if operation.reads_site:
         arguments.insert(0, site)
     settings = {**step.settings, "evaluate": evaluate_result} if operation.runs_programs else step.settings
     with np.errstate(over="ignore", divide="ignore", invalid="ignore", under="ignore"):
-        found = operation.compute(*arguments, **settings)
+        try:
+            found = operation.compute(*arguments, **settings)
+        except (AttributeError, IndexError, KeyError, TypeError) as error:
+            raise ValueError(f"Step {step.operation!r}: settings: {type(error).__name__}, {error}") from error
     return found if isinstance(found, tuple) else (found,)
 
 
@@ -82,7 +94,57 @@ def make_constant(value: Any) -> Value:
     return float(array) if array.ndim == 0 else array
 
 
-LARGEST = float(np.finfo(np.float32).max)
+def check_program_steps(program: Program | None, label: str) -> None:
+    """Raise ValueError where a program has a step that cannot be computed.
+
+    What only this room knows: the operations, how many inputs they take, which choices and outputs they have.
+    """
+    waiting = [] if program is None else [program]
+    while waiting:
+        program = waiting.pop()
+        for number, step in enumerate(program.steps):
+            check_step(step, program, f"{label}: step {number} ({step.operation})")
+            waiting.extend(value for value in step.settings.values() if isinstance(value, Program))
+        check_output(program.result, program, f"{label}: result")
+
+
+def check_step(step: Step, program: Program, label: str) -> None:
+    """Raise ValueError where a step of a program cannot be computed."""
+    operation = OPERATIONS.get(step.operation)
+    if operation is None:
+        raise ValueError(f"{label}: expected an operation of raytracer.shading.nodes")
+    if len(step.inputs) != len(operation.inputs):
+        raise ValueError(f"{label}: expected {len(operation.inputs)} inputs, got {len(step.inputs)}")
+    for name, choices in operation.choices.items():
+        if name in step.settings:
+            require_choice(step.settings[name], tuple(choices), f"{label}: {name}")
+    try:
+        attributes = operation.attributes(step.settings)
+    except KeyError as error:
+        raise ValueError(f"{label}: expected a setting {error}") from None
+    for name in attributes:
+        require_text(name, f"{label}: attribute")
+    for value in step.inputs:
+        check_output(value, program, label)
+
+
+def check_output(value: Any, program: Program | None, label: str) -> None:
+    """Raise ValueError where a register names an output that its step does not have."""
+    if program is not None and isinstance(value, Register):
+        outputs = OPERATIONS[program.steps[value.step].operation].outputs
+        require_choice(value.output, outputs, f"{label}: output of step {value.step}")
+
+
+def check_programs(scene: Scene) -> None:
+    """Raise ValueError where a program of a scene cannot be computed, naming material or world."""
+    for material in scene.materials:
+        check_program_steps(material.program, f"Material {material.name!r}: program")
+        for closure in material.closures:
+            for name, register in closure.registers.items():
+                check_output(register, material.program, f"Material {material.name!r}: {closure.kind}: {name}")
+    if scene.world is not None:
+        check_program_steps(scene.world.program, "World: program")
+        check_output(scene.world.color, scene.world.program, "World: color")
 
 
 def find_needed(program: Program, wanted: Iterable[Any]) -> tuple[int, ...]:
@@ -115,12 +177,14 @@ def evaluate_result(program: Program, site: Site) -> Array:
 
 
 def list_steps(program: Program) -> Iterator[Step]:
-    """Yield all steps, those of inner programs included."""
-    for step in program.steps:
-        yield step
-        for value in step.settings.values():
-            if isinstance(value, Program):
-                yield from list_steps(value)
+    """Yield all steps, those of inner programs included, each program once."""
+    waiting, known = [program], {id(program)}
+    while waiting:
+        for step in waiting.pop().steps:
+            yield step
+            inner = [value for value in step.settings.values() if isinstance(value, Program) and id(value) not in known]
+            known.update(map(id, inner))
+            waiting.extend(inner)
 
 
 def list_attributes(program: Program) -> set[str]:

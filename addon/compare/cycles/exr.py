@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.files.pictures import measure_picture
+
 MAGIC = 20000630
 TILED, DEEP, MULTIPART = 0x200, 0x800, 0x1000
 PIXEL_TYPES = (np.dtype("<u4"), np.dtype("<f2"), np.dtype("<f4"))
@@ -59,8 +61,12 @@ def read_exr(path: str | Path) -> dict[str, NDArray[np.float32]]:
     Raises
     ------
     ValueError
-        If the file is not OpenEXR, or is tiled, deep or compressed.
+        If the file is not OpenEXR, is tiled, deep or compressed, or is not whole.
     """
+    try:
+        measure_picture(Path(path))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     cursor = Cursor(Path(path).read_bytes())
     magic, version = cursor.take_numbers("ii") if len(cursor.data) > 8 else (0, 0)
     if magic != MAGIC or version & (TILED | DEEP):

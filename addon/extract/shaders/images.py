@@ -6,6 +6,7 @@ multiplied in where Cycles does so: never for data, channel-packed images, or wh
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,9 @@ from .nodes import Place
 Pixels = NDArray[Any]
 
 LARGEST_BYTE = 255
+# Numbers that are converted at a time: a large image as a whole would need several times its own memory for what
+# stands between, and to get so much from the system takes longer than to compute it.
+BLOCK = 1 << 18
 UNASSOCIATED_MODES = ("CHANNEL_PACKED", "NONE")
 
 
@@ -67,12 +71,17 @@ def extract_image(image: Any, place: Place) -> Image | None:
     flat = np.empty(count, dtype=np.float32)
     image.pixels.foreach_get(flat)
     pixels = flat.reshape(height, width, -1)
-    found = read_floats(pixels) if image.is_float else read_bytes(pixels)
+    found = read_floats(drop_infinities(pixels)) if image.is_float else read_bytes(pixels)
     if image.alpha_mode == "NONE":
         found[..., 3] = LARGEST_BYTE if found.dtype == np.uint8 else 1.0
     if is_associated(image) and versions.multiplies_alpha(image):
         found = associate(found)
     return Image(found, "linear", image.name) if image.is_float else decode(found, image, place)
+
+
+def drop_infinities(pixels: Pixels) -> Pixels:
+    """Return float pixels with 0 for what is not finite, as Cycles has it (scene/image.cpp)."""
+    return np.nan_to_num(pixels, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def read_floats(pixels: Pixels) -> Pixels:
@@ -84,20 +93,29 @@ def read_floats(pixels: Pixels) -> Pixels:
     return np.concatenate([color, np.ones((*color.shape[:2], missing), np.float32)], axis=2)
 
 
+def list_row_blocks(pixels: Pixels) -> Iterator[slice]:
+    """Yield runs of rows of (h, w, k) pixels, of about BLOCK numbers each."""
+    height, step = len(pixels), max(BLOCK // max(pixels[0].size, 1), 1)
+    yield from (slice(start, start + step) for start in range(0, height, step))
+
+
 def read_bytes(pixels: Pixels) -> Pixels:
     """Return pixels (h, w, k) of a byte image, which Blender hands out as k / 255, as bytes of color and alpha."""
-    return np.rint(read_floats(pixels) * LARGEST_BYTE).astype(np.uint8)
+    found = np.empty((*pixels.shape[:2], 4), dtype=np.uint8)
+    for rows in list_row_blocks(pixels):
+        found[rows] = np.rint(read_floats(pixels[rows]) * LARGEST_BYTE)
+    return found
 
 
 def associate(pixels: Pixels) -> Pixels:
-    """Multiply colors by their alpha; bytes are rounded down as in Cycles (blender/image.cpp)."""
-    if pixels.dtype != np.uint8:
-        return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], axis=2)
-    if (pixels[..., 3] == LARGEST_BYTE).all():
-        return pixels
-    wide = pixels.astype(np.uint16)
-    wide[..., :3] = wide[..., :3] * wide[..., 3:] // LARGEST_BYTE
-    return wide.astype(np.uint8)
+    """Multiply colors by their alpha, in place; bytes are rounded down as in Cycles (blender/image.cpp)."""
+    for rows in list_row_blocks(pixels):
+        block = pixels[rows]
+        if pixels.dtype != np.uint8:
+            block[..., :3] *= block[..., 3:]
+        elif (block[..., 3] != LARGEST_BYTE).any():
+            block[..., :3] = block[..., :3].astype(np.uint16) * block[..., 3:] // LARGEST_BYTE
+    return pixels
 
 
 def decode(pixels: Pixels, image: Any, place: Place) -> Image:

@@ -6,9 +6,9 @@ raytracer and this package.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ..kept import Kept
 from ..warnings import Warning, WarningList
 from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
-from .nodes import Groups, Place, find_source, read_color
+from .nodes import Groups, Place, Source, find_source, identify, read_color, read_links_once
 from .programs import ProgramBuilder
 
 # Operations that read what is stored for each instance.
@@ -34,28 +34,97 @@ def read_shader(
 ) -> list[raytracer.Closure]:
     """Return the weighted closures that feed a shader socket; none where nothing is linked to it.
 
+    A shader that reaches the socket on several ways is read once, with the sum of their weights.
+
     constants_only : True replaces what would vary by the sockets' own values, with a warning
     """
-    source = find_source(socket, groups)
-    if (isinstance(weight, float) and weight == 0) or source.socket is None or not source.socket.is_output:
-        return []
-    if source.socket.type != "SHADER":  # a color on a shader socket: Cycles lets it emit
-        color = builder.value_of(socket, groups, "color")
-        return [raytracer.Closure("emission", color=color if isinstance(color, Register) else read_color(color))]
-    node = source.socket.node
-    inputs = NodeInputs(node, source.groups, builder, constants_only)
-    if node.type in ("MIX_SHADER", "ADD_SHADER"):
-        weights = read_weights(inputs, weight)
-        inputs.report()
-        return [
-            closure
-            for shader, share in zip(node.inputs[-2:], weights, strict=True)
-            for closure in read_shader(shader, source.groups, share, builder, constants_only)
-        ]
-    fields = CLOSURE_READERS.get(node.type, read_stand_in)(inputs)
+    with read_links_once():
+        return list(read_closures(FedShader.find(socket, groups), weight, builder, constants_only))
+
+
+def read_closures(
+    root: FedShader, weight: Value, builder: ProgramBuilder, constants_only: bool
+) -> Iterator[raytracer.Closure]:
+    """Yield the weighted closures of `read_shader`."""
+    order = order_shaders(root)
+    weights: dict[Any, Value] = {shader.key: weight for shader in order[:1]}
+    for shader in order:
+        weight = weights.get(shader.key, 0.0)
+        if isinstance(weight, float) and weight == 0:
+            continue
+        if shader.is_mixed:
+            inputs = NodeInputs(shader.node, shader.source.groups, builder, constants_only)
+            for mixed, share in zip(shader.list_mixed(), read_weights(inputs, weight), strict=True):
+                if mixed.exists:
+                    weights[mixed.key] = builder.sum(weights[mixed.key], share) if mixed.key in weights else share
+            inputs.report()
+        else:
+            yield read_closure(shader, weight, builder, constants_only)
+
+
+class FedShader(NamedTuple):
+    """A shader, and the input that it feeds.
+
+    socket, groups : the input, and the group nodes that it lies in
+    source : what feeds it
+    """
+
+    socket: Any
+    groups: Groups
+    source: Source
+
+    @classmethod
+    def find(cls, socket: Any, groups: Groups) -> FedShader:
+        return cls(socket, groups, find_source(socket, groups))
+
+    @property
+    def exists(self) -> bool:
+        return self.source.socket is not None and self.source.socket.is_output
+
+    @property
+    def key(self) -> tuple[int, ...]:
+        return identify(self.source.socket, self.source.groups)
+
+    @property
+    def node(self) -> Any:
+        return self.source.socket.node
+
+    @property
+    def is_mixed(self) -> bool:
+        return self.node.type in ("MIX_SHADER", "ADD_SHADER")
+
+    def list_mixed(self) -> list[FedShader]:
+        """Return the two shaders of a Mix or an Add Shader."""
+        return [self.find(socket, self.source.groups) for socket in self.node.inputs[-2:]]
+
+
+def order_shaders(root: FedShader) -> list[FedShader]:
+    """Return the shaders behind `root`, each once: first those that mix others, else in the order of the sockets."""
+    order: list[FedShader] = []
+    seen: set[Any] = set()
+    stack = [(root, False)]
+    while stack:
+        shader, is_done = stack.pop()
+        if is_done:
+            order.append(shader)
+        elif shader.exists and shader.key not in seen:
+            seen.add(shader.key)
+            stack.append((shader, True))
+            stack.extend((mixed, False) for mixed in (shader.list_mixed() if shader.is_mixed else ()))
+    return order[::-1]
+
+
+def read_closure(shader: FedShader, weight: Value, builder: ProgramBuilder, constants_only: bool) -> raytracer.Closure:
+    """Return the closure of a shader that mixes no others."""
+    if shader.source.socket.type != "SHADER":  # a color on a shader socket: Cycles lets it emit
+        color = builder.value_of(shader.socket, shader.groups, "color")
+        color = color if isinstance(color, Register) else read_color(color)
+        return raytracer.Closure("emission", color=color, weight=weight)
+    inputs = NodeInputs(shader.node, shader.source.groups, builder, constants_only)
+    fields = CLOSURE_READERS.get(shader.node.type, read_stand_in)(inputs)
     inputs.report()
     warn_unsupported(inputs)
-    return [raytracer.Closure(weight=weight, **fields)]
+    return raytracer.Closure(weight=weight, **fields)
 
 
 def read_weights(inputs: NodeInputs, weight: Value) -> tuple[Value, Value]:

@@ -6,10 +6,15 @@ nodes compute into steps.
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+from contextvars import ContextVar
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from raytracer.scene.fields import LARGEST
 
 from ..warnings import WarningList
 
@@ -42,30 +47,72 @@ class Source(NamedTuple):
     """
 
     socket: Any
-    groups: tuple[Any, ...]
+    groups: Groups
 
 
-def find_source(socket: Any, groups: tuple[Any, ...] = ()) -> Source:
+def find_source(socket: Any, groups: Groups = ()) -> Source:
     """Follow an input socket back to its Source."""
     while socket is not None:
         link = find_link(socket)
         if link is None:
             break
-        node, output = link.from_node, link.from_socket
-        if node.mute or node.type == "REROUTE":
-            socket = next((inner.from_socket for inner in node.internal_links if inner.to_socket == output), None)
-        elif node.type == "GROUP":
-            socket, groups = find_group_output(node, output.identifier), (*groups, node)
-        elif node.type == "GROUP_INPUT" and groups:
-            socket, groups = find_socket(groups[-1].inputs, output.identifier), groups[:-1]
-        else:
-            return Source(output, groups)
+        passed = pass_through(link.from_socket, groups)
+        if passed is None:
+            return Source(link.from_socket, groups)
+        socket, groups = passed
     return Source(socket, groups)
+
+
+def pass_through(output: Any, groups: Groups) -> Source | None:
+    """Return the input whose value an output hands on (reroutes, muted nodes, groups), or None where its node makes it.
+
+    The socket is None where a node hands nothing on.
+    """
+    node = output.node
+    if node.mute or node.type == "REROUTE":
+        return Source(
+            next((inner.from_socket for inner in node.internal_links if inner.to_socket == output), None), groups
+        )
+    if node.type == "GROUP":
+        return Source(find_group_output(node, output.identifier), (*groups, node))
+    if node.type == "GROUP_INPUT" and groups:
+        return Source(find_socket(groups[-1].inputs, output.identifier), groups[:-1])
+    return None
+
+
+def identify(socket: Any, groups: Groups) -> tuple[int, ...]:
+    """Return what tells a socket, or a node, inside these groups from all others: their addresses."""
+    return (socket.as_pointer(), *(group.as_pointer() for group in groups))
+
+
+# While trees are read: the links of each tree, by the address of the input that they feed; by thread, as it renders.
+_links: ContextVar[dict[int, dict[int, Any]] | None] = ContextVar("links", default=None)
+
+
+@contextlib.contextmanager
+def read_links_once() -> Iterator[None]:
+    """Look up links in tables inside the block, which must not change a tree.
+
+    Blender goes through all links of a tree for those of one socket (`NodeSocket.links` of its bpy_types.py), so that a
+    tree of n nodes would take n^2 steps.
+    """
+    token = _links.set({})
+    try:
+        yield
+    finally:
+        _links.reset(token)
 
 
 def find_link(socket: Any) -> Any:
     """Return the link that feeds an input socket, or None."""
-    return next((link for link in socket.links if link.is_valid and not link.is_muted), None)
+    known = _links.get()
+    if known is None:
+        return next((link for link in socket.links if link.is_valid and not link.is_muted), None)
+    tree = socket.id_data
+    if tree.as_pointer() not in known:
+        used = (link for link in tree.links if link.is_valid and not link.is_muted)
+        known[tree.as_pointer()] = {link.to_socket.as_pointer(): link for link in used}
+    return known[tree.as_pointer()].get(socket.as_pointer())
 
 
 def find_group_output(group: Any, identifier: str) -> Any:
@@ -83,10 +130,10 @@ def find_socket(sockets: Any, identifier: str) -> Any:
 def read_color(value: Any) -> Color:
     """Return a socket's value as (3,) linear RGB, without NaN and negative parts (Cycles clamps them as well)."""
     color = np.full(3, value, dtype=np.float64) if np.ndim(value) == 0 else np.array(value[:3], dtype=np.float64)
-    return np.maximum(np.nan_to_num(color), 0.0)
+    return np.clip(np.nan_to_num(color, posinf=LARGEST), 0.0, LARGEST)
 
 
 def read_number(value: Any) -> float:
     """Return a socket's value as a number: a color's luminance, NaN as 0."""
     number = float(value) if np.ndim(value) == 0 else float(LUMINANCE @ np.array(value[:3], dtype=np.float64))
-    return float(np.nan_to_num(number))
+    return float(np.nan_to_num(number, posinf=LARGEST, neginf=-LARGEST))

@@ -7,23 +7,25 @@ own value.
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from raytracer.scene.programs import Program, Register, Step, Value
 from raytracer.shading.evaluate import OPERATIONS, fold_step, make_constant
-from raytracer.shading.nodes.operation import Operation
 
 from .images import ImageTable
 from .node_settings import is_left_out, read_settings
-from .nodes import Groups, Place, find_group_output, find_link, find_socket, read_number
+from .nodes import Groups, Place, find_link, find_socket, identify, pass_through, read_number
 from .skies import SKY_TYPES
 
 # Blender's types of sockets, as kinds of values.
 SOCKET_KINDS = {"VALUE": "number", "INT": "number", "BOOLEAN": "number", "VECTOR": "vector", "RGBA": "color"}
 # Nodes that hold their value in their output.
 CONSTANT_NODES = ("RGB", "VALUE")
+# The height of a Bump is evaluated at three points, so that one whose height depends on another, and so on to this
+# depth, takes 3^4 evaluations.
+MOST_NESTED_PROGRAMS = 4
 
 
 def read_constant(socket: Any, kind: str) -> Value:
@@ -36,13 +38,71 @@ def read_constant(socket: Any, kind: str) -> Value:
     return make_constant(np.array([*value, 0.0, 0.0][:3], dtype=np.float64))
 
 
+class ComputedSocket(NamedTuple):
+    """An output that a node computes.
+
+    groups : the group nodes that it lies in; fed : the input that it feeds, for warnings
+    """
+
+    output: Any
+    groups: Groups
+    fed: Any
+
+    @property
+    def key(self) -> tuple[tuple[int, ...], str]:
+        return identify(self.output.node, self.groups), self.output.identifier
+
+
+class Trail(NamedTuple):
+    """How an input socket is fed.
+
+    hops : the input sockets on the way, near end first, each with the kind of value that is wanted there
+    source : what computes the value, or None
+    constant : the output of a node that holds it, or None; without either, the last hop's own value counts
+    """
+
+    hops: list[tuple[Any, str]]
+    source: ComputedSocket | None = None
+    constant: Any = None
+
+
+def follow(socket: Any, groups: Groups, kind: str) -> Trail:
+    """Follow an input socket back through reroutes, muted nodes and groups."""
+    hops = [(socket, kind)]
+    while (link := find_link(socket)) is not None:
+        output = link.from_socket
+        have, passed = SOCKET_KINDS.get(output.type), pass_through(output, groups)
+        if have is None or (passed is not None and passed.socket is None):
+            break
+        if passed is None:
+            if output.node.type in CONSTANT_NODES:
+                return Trail(hops, constant=output)
+            return Trail(hops, ComputedSocket(output, groups, socket))
+        socket, groups = passed
+        hops.append((socket, have))
+    return Trail(hops)
+
+
+def find_read_socket(node: Any, name: str, identifier: str) -> Any:
+    """Return the input of a node whose value its operation `name` takes; None where something stands in for it."""
+    socket = find_socket(node.inputs, identifier)
+    if socket is None or (identifier in OPERATIONS[name].links and find_link(socket) is None):
+        return None
+    return socket if socket.enabled else None
+
+
 class ProgramBuilder:
     """Collects the steps of one material's program; shaders ask `value_of` for what their sockets carry."""
 
-    def __init__(self, place: Place, images: ImageTable, pass_index: int = 0) -> None:
+    def __init__(
+        self, place: Place, images: ImageTable, pass_index: int = 0, outer: ProgramBuilder | None = None
+    ) -> None:
         self.place, self.images, self.pass_index = place, images, pass_index
         self.steps: list[Step] = []
         self._known: dict[Any, Value | None] = {}
+        # Programs that steps run themselves, shared with those inside them.
+        self._inner: dict[Any, Program] = outer._inner if outer else {}
+        self._depth: int = outer._depth + 1 if outer else 0
 
     @property
     def program(self) -> Program | None:
@@ -52,33 +112,43 @@ class ProgramBuilder:
     def value_of(self, socket: Any, groups: Groups, kind: str) -> Value:
         """Return what an input socket carries, as a kind: a constant, or a register of the program.
 
+        Nodes can stand in chains of any length: what the socket depends on is computed first, one node after another.
+
         groups : the group nodes that the socket lies in, outermost first
         """
-        link = find_link(socket)
-        found = None if link is None else self._trace(link.from_socket, groups, socket)
-        return read_constant(socket, kind) if found is None else self._convert(*found, kind)
+        trail = follow(socket, groups, kind)
+        waiting = [trail.source] if trail.source else []
+        while waiting:
+            missing = [source for source in self._list_sources(waiting[-1]) if source.key not in self._known]
+            if missing:
+                waiting.extend(reversed(missing))
+            else:
+                self._compute(waiting.pop())
+        return self._read(trail)
 
-    def _trace(self, output: Any, groups: Groups, fed: Any) -> tuple[Value, str] | None:
-        """Return the value and kind of an output socket, or None where nothing computes it.
+    def _list_sources(self, source: ComputedSocket) -> list[ComputedSocket]:
+        """Return what a node that is to be computed reads; nothing for one that is known, or that the tracer lacks."""
+        name = find_operation(source.output.node, source.output.identifier)
+        if name is None or source.key in self._known:
+            return []
+        inputs = [find_read_socket(source.output.node, name, item) for item in OPERATIONS[name].inputs]
+        trails = [follow(socket, source.groups, SOCKET_KINDS[socket.type]) for socket in inputs if socket is not None]
+        return [trail.source for trail in trails if trail.source is not None]
 
-        fed : the input that it feeds, for the warning
-        """
-        node, kind = output.node, SOCKET_KINDS.get(output.type)
-        if node.mute or node.type == "REROUTE":
-            inner = next((inner for inner in node.internal_links if inner.to_socket == output), None)
-            passed, groups = inner and inner.from_socket, groups
-        elif node.type == "GROUP":
-            passed, groups = find_group_output(node, output.identifier), (*groups, node)
-        elif node.type == "GROUP_INPUT" and groups:
-            passed, groups = find_socket(groups[-1].inputs, output.identifier), groups[:-1]
-        elif kind is None:
-            return None
-        elif node.type in CONSTANT_NODES:
-            return read_constant(output, kind), kind
-        else:
-            value = self._compute(node, output, groups, fed)
-            return None if value is None else (value, kind)
-        return None if passed is None or kind is None else (self.value_of(passed, groups, kind), kind)
+    def _read(self, trail: Trail) -> Value:
+        """Return the value at the near end of a trail, converted at each of its sockets."""
+        socket, have = trail.hops[-1]
+        value = None
+        if trail.source is not None and (value := self._known[trail.source.key]) is not None:
+            have = SOCKET_KINDS[trail.source.output.type]
+        elif trail.constant is not None:
+            have = SOCKET_KINDS[trail.constant.type]
+            value = read_constant(trail.constant, have)
+        if value is None:
+            value = read_constant(socket, have)
+        for _, want in reversed(trail.hops):
+            value, have = self._convert(value, have, want), want
+        return value
 
     def _convert(self, value: Value, have: str, want: str) -> Value:
         """Convert between kinds of sockets as Blender does; vectors and colors are alike."""
@@ -86,40 +156,40 @@ class ProgramBuilder:
             return value
         return self.add(f"{have} to {'number' if want == 'number' else 'vector'}", (value,))["Value"]
 
-    def _compute(self, node: Any, output: Any, groups: Groups, fed: Any) -> Value | None:
-        """Return the output of a node that computes, or None for one that the tracer lacks."""
-        key = (node.as_pointer(), *(group.as_pointer() for group in groups))
-        if (key, output.identifier) not in self._known:
-            name = find_operation(node, output.identifier)
-            if name is None:
-                self._warn_unknown(node, fed)
-                self._known[key, output.identifier] = None
-            else:
-                outputs = self._add_node(node, name, groups, output.identifier)
-                if len(outputs) == 1:  # under whatever name
-                    outputs = dict.fromkeys([output.identifier], next(iter(outputs.values())))
-                self._known |= {(key, identifier): value for identifier, value in outputs.items()}
-        return self._known[key, output.identifier]
+    def _compute(self, source: ComputedSocket) -> None:
+        """Make an output of a node known, with the node's others; None stands for a node that the tracer lacks."""
+        if source.key in self._known:
+            return
+        node, output = source.output.node, source.output
+        name = find_operation(node, output.identifier)
+        if name is None:
+            self._warn_unknown(node, source.fed)
+            self._known[source.key] = None
+            return
+        outputs = self._add_node(node, name, source.groups, output.identifier)
+        if len(outputs) == 1:  # under whatever name
+            outputs = dict.fromkeys([output.identifier], next(iter(outputs.values())))
+        self._known |= {(source.key[0], identifier): value for identifier, value in outputs.items()}
 
     def _add_node(self, node: Any, name: str, groups: Groups, output: str) -> dict[str, Value]:
         """Add a node's step and return its outputs."""
         operation = OPERATIONS[name]
-        inputs = tuple(self._read_input(node, identifier, operation, groups) for identifier in operation.inputs)
+        inputs = tuple(self._read_input(node, name, identifier, groups) for identifier in operation.inputs)
         if is_left_out(node):
             return {operation.outputs[0]: inputs[-1]}
         return self.add(name, inputs, read_settings(self, node, name, groups, output))
 
-    def _read_input(self, node: Any, identifier: str, operation: Operation, groups: Groups) -> Value:
+    def _read_input(self, node: Any, name: str, identifier: str, groups: Groups) -> Value:
         """Return one input of a node: what feeds it, or stands in for a missing link or a missing socket."""
         socket = find_socket(node.inputs, identifier)
         if socket is None:
             return MISSING_INPUTS[identifier]
-        kind = SOCKET_KINDS[socket.type]
-        if identifier in operation.links and find_link(socket) is None:
-            return self._read_default(operation.links[identifier])
-        if not socket.enabled:
-            return 0.0 if kind == "number" else np.zeros(3)
-        return self.value_of(socket, groups, kind)
+        kind, read = SOCKET_KINDS[socket.type], find_read_socket(node, name, identifier)
+        if read is not None:
+            return self.value_of(read, groups, kind)
+        if identifier in OPERATIONS[name].links and find_link(socket) is None:
+            return self._read_default(OPERATIONS[name].links[identifier])
+        return 0.0 if kind == "number" else np.zeros(3)
 
     def _read_default(self, link: str) -> Value:
         """Return what an unlinked socket reads: an operation, with the name of its attribute where it reads one."""
@@ -139,9 +209,18 @@ class ProgramBuilder:
 
     def build_inner(self, socket: Any, groups: Groups) -> Program:
         """Return a program of its own for the number that feeds a socket, for a step that runs it elsewhere as well."""
-        inner = ProgramBuilder(self.place, self.images, self.pass_index)
-        result = inner.value_of(socket, groups, "number")
-        return Program(inner.steps, result)
+        if self._depth == MOST_NESTED_PROGRAMS:
+            self.place.warn(
+                f"node '{socket.node.name}': {socket.name} depends on more than {MOST_NESTED_PROGRAMS} others in turn, "
+                "0 is used"
+            )
+            return Program((), 0.0)
+        key = (self._depth, *identify(socket, groups))
+        if key not in self._inner:
+            inner = ProgramBuilder(self.place, self.images, self.pass_index, self)
+            result = inner.value_of(socket, groups, "number")
+            self._inner[key] = Program(inner.steps, result)
+        return self._inner[key]
 
     # What shaders do with numbers
 
@@ -150,6 +229,10 @@ class ProgramBuilder:
         if first == 1.0:
             return second
         return self.add("MATH", (first, second, 0.0), {"operation": "MULTIPLY"})["Value"]
+
+    def sum(self, first: Value, second: Value) -> Value:
+        """Return the sum of two numbers."""
+        return self.add("MATH", (first, second, 0.0), {"operation": "ADD"})["Value"]
 
     def scale(self, color: Value, factor: Value) -> Value:
         """Return a color times a number."""

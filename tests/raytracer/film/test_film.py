@@ -67,3 +67,11 @@ def test_select_passes_divides_the_table():
     centre, mean = select_passes(PASSES, from_centre=True), select_passes(PASSES, from_centre=False)
     assert set(centre) == {"Depth", "Position", "Object Index", "Material Index"}
     assert set(centre) | set(mean) == set(PASSES)
+
+
+def test_what_is_too_large_for_a_picture_is_its_largest_number():
+    film = Film(2, 1, ("Combined",))
+    film.add(slice(0, 2), {"Combined": np.array([(1e39, -1e39, np.inf, 1.0), (0.5, 0.0, 1e38, 1.0)])})
+    largest = np.finfo(np.float32).max
+    expected = np.array([[(largest, -largest, largest, 1.0), (0.5, 0.0, 1e38, 1.0)]], np.float32)
+    np.testing.assert_array_equal(film["Combined"], expected)

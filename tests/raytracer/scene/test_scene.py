@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer import Camera, Closure, Instances, Material, Mesh, Scene, Spheres, World
+from raytracer import Camera, Closure, Image, Instances, Material, Mesh, Program, Register, Scene, Spheres, Step, World
 from raytracer.arrays.checks import as_array
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight
 from raytracer.scene.materials import CLOSURE_KINDS
@@ -120,12 +120,15 @@ def make_full_scene():
         ),
         (
             lambda: Closure("glossy", color=(1, -1, 1)),
-            r"Closure 'glossy': color: expected numbers from 0 to inf, got -1",
+            r"Closure 'glossy': color: expected numbers from 0 to 3.40282e\+38, got -1",
         ),
-        (lambda: Closure("glass", ior=0), r"Closure 'glass': ior: expected numbers from 4.94066e-324 to inf, got 0"),
+        (
+            lambda: Closure("glass", ior=0),
+            r"Closure 'glass': ior: expected numbers from 4.94066e-324 to 3.40282e\+38, got 0",
+        ),
         (
             lambda: PointLight((0, 0, 0), -1, name="Lamp"),
-            r"PointLight 'Lamp': power: expected numbers from 0 to inf, got -1",
+            r"PointLight 'Lamp': power: expected numbers from 0 to 3.40282e\+38, got -1",
         ),
         (
             lambda: PointLight((0, 0, NAN), 1, name="Lamp"),
@@ -148,6 +151,35 @@ def make_full_scene():
             lambda: Camera(np.eye(4), clip_start=2, clip_end=1),
             r"Camera: clip_end: expected numbers from 2 to inf, got 1",
         ),
+        (
+            lambda: Camera(np.eye(4), clip_end=[1.0, 2.0]),
+            r"Camera: clip_end: expected shape \(\) float64, got \(2,\)",
+        ),
+        (
+            lambda: Camera(np.ones((4, 4))),
+            r"Camera: world_from_camera: expected \(0, 0, 0, 1\) as the last row, got \[1.0, 1.0, 1.0, 1.0\]",
+        ),
+        (lambda: Scene(camera=5), r"Scene: camera: expected Camera or None, got int"),
+        (lambda: Scene(world=5), r"Scene: world: expected World or None, got int"),
+        (lambda: Scene(instances=()), r"Scene: instances: expected Instances or None, got tuple"),
+        (lambda: Scene(name=5), r"Scene: name: expected text, got int"),
+        (lambda: Scene(lights=5), r"Scene: lights: expected light records, got int"),
+        (lambda: Material(program=5), r"Material '': program: expected a Program or None, got int"),
+        (lambda: World(program=5), r"World: program: expected a Program or None, got int"),
+        (lambda: Material(closures=[5]), r"Material '': closures: expected Closure records, got int"),
+        (lambda: Material(pass_index=-1), r"Material '': pass_index: expected numbers from 0 to 2.14748e\+09, got -1"),
+        (lambda: Material(pass_index="a"), r"Material '': pass_index: expected an array \(\) int32, got str"),
+        (lambda: Material(transparent_shadow=3), r"Material '': transparent_shadow: expected an array .*, got int"),
+        (lambda: Step(5), r"Step: operation: expected text, got int"),
+        (lambda: Program([5]), r"Program: steps: expected Step records, got int"),
+        (
+            lambda: Program([Step("VALUE"), Step("MATH", [Register(0.5, "Value")])]),
+            r"Program: step 1 \(MATH\): expected a register of one of the 1 steps before it, got Register.*",
+        ),
+        (lambda: World(1e39), r"World: color: expected numbers from 0 to 3.40282e\+38, got 1e\+39"),
+        (lambda: Closure("principled", emission=np.inf), r"Closure 'principled': emission: expected finite numbers.*"),
+        (lambda: PointLight((0, 0, 0), 1, radius=1e300), r"PointLight '': radius: expected numbers .*, got 1e\+300"),
+        (lambda: Image(np.full((1, 1, 4), np.inf, np.float32)), r"Image '': pixels: expected finite numbers.*"),
         (lambda: Scene(meshes=[POSITIONS]), r"Scene: meshes: expected Mesh records, got ndarray"),
         (
             lambda: Scene(meshes=[make_quad()], instances=Instances([1], [np.eye(4)])),
@@ -212,6 +244,13 @@ def test_a_number_stands_for_grey_and_one_group_of_spheres_for_a_list():
     np.testing.assert_array_equal(World(0.5).color, (0.5, 0.5, 0.5))
     scene = Scene(spheres=Spheres([(0, 0, 0)], [1]))
     assert len(scene.spheres) == 1
+
+
+@pytest.mark.parametrize("length", [1e300, 1e-200, 5e-324, np.finfo(float).max])
+def test_sun_direction_of_any_length_is_made_unit_length(length):
+    np.testing.assert_array_equal(SunLight((0, 0, -length), 1).direction, (0, 0, -1))
+    direction = SunLight((length, length, length), 1).direction
+    np.testing.assert_allclose(direction, 3**-0.5, rtol=4 * np.finfo(float).eps)
 
 
 def test_sun_direction_is_made_unit_length():

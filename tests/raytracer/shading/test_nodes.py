@@ -91,7 +91,7 @@ def test_what_overflows_folds_to_a_finite_number():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Program([add(1.0, Register(0, "Value"))]), "expected registers of steps before it"),
+        (lambda: Program([add(1.0, Register(0, "Value"))]), "expected a register of one of the 0 steps before it"),
         (lambda: Program([], Register(0, "Value")), "Program: result"),
         (lambda: Material([Closure("diffuse", color=Register(0, "Value"))]), "one of the 0 steps"),
         (lambda: add(np.zeros(2), 1.0), "a number, three numbers or a Register"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from addon.extract.shaders.color_spaces import LINEAR_SPACES, REC709, find_decoder, xyz_from_linear
-from addon.extract.shaders.images import ImageTable, associate, extract_image, read_floats
+from addon.extract.shaders.images import ImageTable, associate, drop_infinities, extract_image, read_floats
 from addon.extract.shaders.nodes import Place
 from addon.extract.warnings import WarningList
 from addon.versions import set_image_format
@@ -183,3 +184,23 @@ def test_a_missing_image_is_magenta_as_in_cycles(empty_scene: Any) -> None:
     assert differences["lost"] < 1e-6
     assert_allclose(pictures["lost"][0][0, 0], (1.0, 0.0, 1.0), atol=1e-6)
     assert ["missing" in str(warning) for warning in warnings] == [True]
+
+
+def test_a_large_image_takes_little_more_memory_than_itself(empty_scene: Any) -> None:
+    """What Blender hands out is 16 bytes a pixel, what is kept 4; whole arrays between them would be 16 each."""
+    side = 1024
+    image = bpy.data.images.new("Large", side, side, alpha=True)
+    tracemalloc.start()
+    extract_image(image, Place(WarningList()))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1.25 * side * side * (16 + 4)
+
+
+def test_what_is_not_finite_in_a_float_image_is_black(empty_scene: Any) -> None:
+    image = bpy.data.images.new("Float", 2, 1, alpha=True, float_buffer=True)
+    image.pixels = [np.nan, 0.5, 2.0, 1.0, 0.25, 0.0, 0.0, 1.0]
+    found = extract_image(image, Place(WarningList()))
+    assert found is not None
+    assert_array_equal(found.pixels[0], [(0.0, 0.5, 2.0, 1.0), (0.25, 0.0, 0.0, 1.0)])
+    assert_array_equal(drop_infinities(np.array([np.inf, -np.inf, np.nan, -1.0, 1e38])), [0.0, 0.0, 0.0, -1.0, 1e38])

@@ -75,7 +75,27 @@ def test_mix_and_add_fold_into_weights(tree: Any) -> None:
     tree.links.new(mix.outputs[0], total.inputs[0])
     tree.links.new(diffuse.outputs[0], total.inputs[1])
     weights = [(closure.kind, closure.weight) for closure in extract_material().closures]
-    assert weights == [("diffuse", 0.75), ("glossy", 0.25), ("diffuse", 1.0)]
+    assert weights == [("glossy", 0.25), ("diffuse", 1.75)]  # each once, with the sum of its weights
+
+
+@pytest.mark.parametrize("kind", ["ShaderNodeMixShader", "ShaderNodeAddShader"])
+def test_a_shader_that_is_mixed_with_itself_again_and_again_is_read_once(tree: Any, kind: str) -> None:
+    """2^60 ways lead from the output to the one shader."""
+    shader = add(tree, "ShaderNodeBsdfToon")
+    for _ in range(60):
+        mix = tree.nodes.new(kind)
+        for socket in mix.inputs[-2:]:
+            tree.links.new(shader.outputs[0], socket)
+        shader = mix
+    tree.links.new(shader.outputs[0], tree.nodes[0].inputs[0])
+    closure = extract_closure()
+    assert closure.weight == (1.0 if kind == "ShaderNodeMixShader" else 2.0**60)
+
+
+def test_a_mixed_color_shines_by_its_weight(tree: Any) -> None:
+    color, mix = tree.nodes.new("ShaderNodeRGB"), add(tree, "ShaderNodeMixShader", Fac=0.25)
+    tree.links.new(color.outputs[0], mix.inputs[2])
+    assert (extract_closure().kind, extract_closure().weight) == ("emission", 0.25)
 
 
 def test_shader_with_weight_zero_is_neither_used_nor_named(tree: Any) -> None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import inspect
+import sys
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
@@ -11,6 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from addon import versions
 from addon.extract.scene import Extraction, extract_scene
+from addon.extract.shaders.programs import MOST_NESTED_PROGRAMS
 from addon.versions import find_node_tree
 from raytracer import Closure, Material, Program, Register
 from tests.addon.against_cycles.node_fixtures import add_node, make_tilted_plane
@@ -117,6 +122,55 @@ def test_a_node_is_computed_once_however_often_it_is_read(tree: Any) -> None:
     noise = tree.nodes.new("ShaderNodeTexNoise").outputs["Fac"]
     show(tree, math(tree, noise, noise, "MULTIPLY"))
     assert operations().count("TEX_NOISE Fac") == 1
+
+
+@contextlib.contextmanager
+def little_stack() -> Iterator[None]:
+    """Leave room for few calls: Blender itself takes minutes to build a chain that would need a whole stack."""
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(len(inspect.stack()) + 100)
+    try:
+        yield
+    finally:
+        sys.setrecursionlimit(limit)
+
+
+def test_chains_of_nodes_are_read_without_recursion(tree: Any) -> None:
+    """Each of them reads the one before twice, so that 2^200 ways lead to the first."""
+    value = add_node(tree, "ShaderNodeNewGeometry").outputs["Backfacing"]
+    for _ in range(200):
+        value = math(tree, value, value)
+    show(tree, value)
+    with little_stack():
+        assert operations() == ["NEW_GEOMETRY Backfacing", *["MATH"] * 200, "number to vector"]
+
+
+def test_chains_of_muted_nodes_and_groups_are_read_without_recursion(tree: Any) -> None:
+    group, start, end = make_group("Handed on", "NodeSocketVector")
+    group.links.new(start.outputs[0], end.inputs[0])
+    socket = uv(tree)
+    for number in range(200):
+        node = tree.nodes.new("ShaderNodeGroup" if number % 2 else "ShaderNodeGamma")
+        if number % 2:
+            node.node_tree = group
+        node.mute = number % 2 == 0
+        tree.links.new(socket, node.inputs[0])
+        socket = node.outputs[0]
+    show(tree, socket)
+    with little_stack():
+        assert operations() == ["ATTRIBUTE Vector"]
+
+
+def test_bumps_that_read_one_another_are_nested_so_deep_and_no_deeper(tree: Any) -> None:
+    normal = tree.nodes.new("ShaderNodeNewGeometry").outputs["Normal"]
+    for _ in range(40):
+        normal = add_node(tree, "ShaderNodeBump", {"Height": normal, "Normal": normal}).outputs[0]
+    show(tree, normal)
+    program, depth = extract_material().program, 0
+    while bumps := [step for step in program.steps if step.operation == "BUMP"]:
+        program, depth = bumps[-1].settings["height"], depth + 1
+    assert depth == 1 + MOST_NESTED_PROGRAMS
+    assert any("Height depends on more than 4 others in turn" in text for text in texts())
 
 
 def test_muted_nodes_reroutes_and_frames_leave_no_trace(tree: Any) -> None:
