@@ -144,7 +144,7 @@ def to_row_start(rays: CullingRays, t_min: Floats) -> NDArray[np.float32]:
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = np.ldexp(t_min - rays.start, rays.exponent)
         lower = scaled - SLACK_OF_DISTANCE * np.abs(scaled) - rays.slack
-    return round_down(np.fmax(lower, 0.0))
+        return round_down(np.fmax(lower, 0.0))
 
 
 # An entry is compared with `best` without SLACK; its four float32 roundings are paid for here.
