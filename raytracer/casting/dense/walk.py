@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Booleans
 from raytracer.casting.bvh.stacks import Pairs
 from raytracer.casting.dense.lines import prepare_rays, to_bounds
-from raytracer.casting.dense.packets import LANE_BLOCK, cross_triangles, enter_boxes, make_packets
+from raytracer.casting.dense.packets import LANE_BLOCK, LANES, cross_triangles, enter_boxes, make_packets
 from raytracer.casting.dense.tree import DenseTree
 from raytracer.casting.planes import PlaneDecisions
 from raytracer.casting.query import Search
@@ -53,22 +53,20 @@ class Walk:
         """Test all rays with the triangles that are in no block."""
         size, count = len(self.tree.large), len(self.best)
         for start in range(0, count if size else 0, LANE_BLOCK):
-            stop = min(start + LANE_BLOCK, count)
-            index, inside = cross_triangles(self.tree.large_edges, self.rays.lines[np.newaxis, start:stop])
-            slot = index // (stop - start)
-            ray = index - slot * (stop - start) + start
-            self._take_in(ray, self.tree.large.take(slot), inside)
+            lines = _in_packets(self.rays.lines[start : min(start + LANE_BLOCK, count)])
+            index, inside = cross_triangles(self.tree.large_edges, lines)
+            slot, ray = _split_index(index, size, lines.shape[1])
+            self._take_in(ray + start, self.tree.large.take(slot), inside)
 
     def _enter_root(self) -> Pairs:
         """Pairs of rays and the root's children that they enter."""
         parts = []
         count = len(self.best)
         for start in range(0, count, LANE_BLOCK):
-            stop = min(start + LANE_BLOCK, count)
-            index, entry = enter_boxes(self.tree.levels[0], self.rays.slabs[np.newaxis, start:stop])
-            child = index // (stop - start)
-            ray = index - child * (stop - start) + start
-            parts.append(Pairs(ray.astype(np.int32), child.astype(np.uint16), entry))
+            slabs = _in_packets(self.rays.slabs[start : min(start + LANE_BLOCK, count)])
+            index, entry = enter_boxes(self.tree.levels[0], slabs)
+            child, ray = _split_index(index, self.tree.levels[0].shape[2] // 2, slabs.shape[1])
+            parts.append(Pairs((ray + start).astype(np.int32), child.astype(np.uint16), entry))
         return Pairs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def _drop_passed(self, pairs: Pairs) -> Pairs:
@@ -127,6 +125,19 @@ class Walk:
         """Have candidates decided; let those that are certain cull."""
         changed = self.decisions.take_in(ray, triangle, inside)
         self.best[changed] = to_bounds(self.decisions.best.take(changed), self.rays.way.take(changed))
+
+
+def _in_packets(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Rows (k, c) of rays as packets (p, l, c): of a size for which no library of matrix products starts threads."""
+    lanes = LANES[-1]
+    return rows.reshape(-1, lanes, rows.shape[1]) if len(rows) % lanes == 0 else rows[np.newaxis]
+
+
+def _split_index(index: NDArray[np.intp], fan: int, lanes: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The middle one of places in (p, fan, lanes), and the ray that the others make."""
+    row = index // lanes
+    packet = row // fan
+    return row - packet * fan, index + (packet - row) * lanes
 
 
 def _split_nearest(pairs: Pairs, lane: NDArray[np.intp] | None, count: int) -> tuple[Pairs, Pairs]:
