@@ -1,8 +1,8 @@
 """The public caster: arrays of rays in, closest hits or occlusion out.
 
 `build` packs a scene's geometry once; a Caster answers any number of batches. How candidates are found changes no
-result: by `project` where many rays share a point or a direction, else by `traverse`, by `matrix_form` among a few
-dozen triangles. Decisions are made in `search`.
+result: by `pencil` where many rays share a point or a direction, else by `dense` among triangles, by `bvh` where there
+are spheres or instances, by `matrix_form` among a few dozen triangles. Decisions are made in `query`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from raytracer.arrays.types import Booleans
 from raytracer.casting.bvh.hierarchy import Hierarchy, build_hierarchy, choose_flattened
 from raytracer.casting.bvh.traverse import offer_traversed
 from raytracer.casting.crossings import CrossingSearch
+from raytracer.casting.dense.offer import DenseOffer, suits_dense
 from raytracer.casting.geometry import Geometry, pack_geometry
 from raytracer.casting.matrix_form import MatrixForm
 from raytracer.casting.pencil.pencil import Rows, View, find_pencil, make_views
@@ -32,6 +33,8 @@ from raytracer.scene.scene import Scene
 
 # Rays per batch: their state and the candidates they bring stay within a few tens of megabytes.
 BATCH_RAYS = 1 << 16
+# The dense tree shares what a block of triangles costs between the rays of a batch.
+DENSE_RAYS = 1 << 17
 # Rays of a pencil are cast in larger batches where there are more triangles, each of which costs something per batch.
 PENCIL_RAYS = 1 << 18
 # Rays of a call that are looked at together.
@@ -166,8 +169,9 @@ class Caster:
         return views if len(rays) >= self.smallest_pencil * len(views) else []
 
     def _cast_any(self, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
-        for start in range(0, len(rays), BATCH_RAYS):
-            rows = slice(start, min(start + BATCH_RAYS, len(rays)))
+        size = DENSE_RAYS if isinstance(self.offer, DenseOffer) else BATCH_RAYS
+        for start in range(0, len(rays), size):
+            rows = slice(start, min(start + size, len(rays)))
             search = Search(self.primitives, rays.select(rows), any_hit)
             self.offer(search)
             yield rows, search
@@ -246,8 +250,16 @@ def build(scene: Scene, precision: str = "certified", last: Caster | None = None
     smallest_pencil = None
     if primitives.flattened.all():
         smallest_pencil = max(SMALLEST_PENCIL, int(PENCIL_SHARE * len(primitives.corners)))
-    hierarchy = last.offer.latest if last is not None and isinstance(last.offer, TreeOffer) else None
-    return Caster(scene, primitives, TreeOffer(primitives, hierarchy), smallest_pencil)
+    return Caster(scene, primitives, _choose_tree(primitives, last), smallest_pencil)
+
+
+def _choose_tree(primitives: Primitives, last: Caster | None) -> TreeOffer | DenseOffer:
+    """The offer for more than a few triangles or spheres; what did not move is taken from the last caster."""
+    before = last.offer if last is not None else None
+    dense = before if isinstance(before, DenseOffer) else None
+    tree = dense.other if dense is not None else before
+    other = TreeOffer(primitives, tree.latest if isinstance(tree, TreeOffer) else None)
+    return DenseOffer(primitives, other, dense) if suits_dense(primitives) else other
 
 
 class TreeOffer:

@@ -14,13 +14,27 @@ import raytracer
 from raytracer.casting.brute_force import offer_all
 from raytracer.casting.bvh.hierarchy import build_hierarchy
 from raytracer.casting.bvh.traverse import offer_traversed
+from raytracer.casting.dense.offer import suits_dense
+from raytracer.casting.dense.tree import build_dense_tree
+from raytracer.casting.dense.walk import offer_dense
 from raytracer.casting.matrix_form import MatrixForm
 from tests.oracle.exact_numbers import is_within
 from tests.oracle.exact_oracle import pack_scene
 
+
+def make_dense(primitives):
+    """The dense tree where it can be used, else the four-wide one, which also counts crossings."""
+    traversed = partial(offer_traversed, build_hierarchy(primitives))
+    if not suits_dense(primitives):
+        return traversed
+    tree = build_dense_tree(primitives.corners, primitives.bounds)
+    return lambda search: offer_dense(tree, search) if search.narrows else traversed(search)
+
+
 ACCELERATORS = {
     "brute_force": lambda primitives: offer_all,
     "matrix_form": MatrixForm,
+    "dense": make_dense,
     "bvh": lambda primitives: partial(offer_traversed, build_hierarchy(primitives)),
 }
 

@@ -80,7 +80,7 @@ def prepare_rays(frame: Frame, origins: Floats, directions: Floats) -> CullingRa
         distance = largest_component(origin)[:, 0]
         way = np.zeros(len(origins))
         far = np.flatnonzero(distance > FAR)
-        way[far] = _way_to_box(origin[far], direction[far])
+        way[far] = way_to_box(origin[far], direction[far])
         start = np.ldexp(way, -exponent)
         movable = (start > SMALLEST_START) & np.isfinite(start)
         way, start = np.where(movable, way, 0.0), np.where(movable, start, 0.0)
@@ -97,7 +97,7 @@ def largest_component(vectors: Floats) -> Floats:
     return np.maximum(np.maximum(sizes[:, 0], sizes[:, 1]), sizes[:, 2])[:, None]
 
 
-def _way_to_box(origin: Floats, direction: Floats) -> Floats:
+def way_to_box(origin: Floats, direction: Floats) -> Floats:
     """(n,) a t at which rays from afar are just before the box [-1, 1]^3; 0 where they pass it or lead away."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         entry = np.minimum((-1 - origin) / direction, (1 - origin) / direction)
@@ -144,7 +144,7 @@ def to_row_start(rays: CullingRays, t_min: Floats) -> NDArray[np.float32]:
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = np.ldexp(t_min - rays.start, rays.exponent)
         lower = scaled - SLACK_OF_DISTANCE * np.abs(scaled) - rays.slack
-    return round_down(np.fmax(lower, 0.0))
+        return round_down(np.fmax(lower, 0.0))
 
 
 # An entry is compared with `best` without SLACK; its four float32 roundings are paid for here.

@@ -97,6 +97,7 @@ def test_batch_equals_single_rays(rng):
 
 def test_batches_larger_than_one_block_keep_their_order(rng, monkeypatch):
     monkeypatch.setattr(caster_module, "BATCH_RAYS", 64)
+    monkeypatch.setattr(caster_module, "DENSE_RAYS", 64)
     caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(8))]))
     origins, directions = mixed_rays(rng, 300, np.zeros((1, 3)))
     directions[::17] = np.nan
@@ -266,9 +267,9 @@ def test_crossings_need_certified_precision():
 
 def test_tree_is_built_when_the_first_rays_need_it():
     caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(16))]))
-    assert caster.offer.latest is None
+    assert caster.offer.other.latest is None
     caster.closest_hit((0.1, 0.2, 1.0), (0.0, 0.0, -1.0))
-    assert caster.offer.latest.roots == (0,)
+    assert caster.offer.other.latest.roots == (0,)
 
 
 def scene_of_parts(moved=None, turned=0.0):

@@ -11,7 +11,8 @@ import pytest
 
 import raytracer
 from raytracer.casting.geometry import pack_geometry
-from raytracer.casting.matrix_form import MatrixForm, meet_planes
+from raytracer.casting.matrix_form import MatrixForm
+from raytracer.casting.planes import make_lines, meet_planes
 from raytracer.casting.primitives import make_primitives
 from raytracer.casting.rays import make_rays
 from raytracer.surfaces.surface import make_surface, spawn_origin
@@ -55,7 +56,7 @@ def test_distances_are_within_their_bounds(rng, flatness, offset):
     form = make_form(corners)
     directions /= np.abs(directions).max(axis=1, keepdims=True)
     in_frame = form.frame.place(origins)
-    distance, error = meet_planes(form.planes.T, in_frame.T, directions.T)
+    distance, error = meet_planes(form.planes.T, make_lines(in_frame.T, directions.T, 0.0).T)
     unit = Fraction(2) ** form.frame.exponent
     largest = 0.0
     for k in np.flatnonzero(np.isfinite(error)):
@@ -85,5 +86,5 @@ def test_rays_that_leave_a_wall_do_not_meet_it(rng):
     starts = spawn_origin(surface, directions)
     form = caster.offer
     planes = form.planes.take(surface.primitive, axis=0)
-    distance, error = meet_planes(planes.T, form.frame.place(starts).T, directions.T)
+    distance, error = meet_planes(planes.T, make_lines(form.frame.place(starts).T, directions.T, 0.0).T)
     assert (distance + error < 0).mean() > 0.95

@@ -1,0 +1,156 @@
+"""A batch of rays on its way through the tree, all at once, level by level.
+
+Each ray's nearest child of the root goes first, down to its triangles, and what is hit there culls the rest. Candidates
+and what is certain about them go to `planes`, which decides.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.arrays.types import Booleans
+from raytracer.casting.bvh.stacks import Pairs
+from raytracer.casting.dense.lines import prepare_rays, to_bounds
+from raytracer.casting.dense.packets import LANE_BLOCK, LANES, cross_triangles, enter_boxes, make_packets
+from raytracer.casting.dense.tree import DenseTree
+from raytracer.casting.planes import PlaneDecisions
+from raytracer.casting.query import Search
+
+
+class Walk:
+    """One batch.
+
+    best : (n,) float32, nothing farther matters, in the rows' distances
+    """
+
+    def __init__(self, tree: DenseTree, search: Search) -> None:
+        self.tree, self.search = tree, search
+        self.decisions = PlaneDecisions(search, tree.planes)
+        self.rays = prepare_rays(tree.frame, self.decisions)
+        self.best = to_bounds(self.decisions.best, self.rays.way)
+
+    def run(self) -> None:
+        """Offer or settle every triangle that rays may hit."""
+        self._test_large()
+        first, others = _split_nearest(self._drop_passed(self._enter_root()), None, len(self.best))
+        self._descend(first)
+        self._descend(self._drop_passed(others))
+        self.decisions.finish()
+
+    def _descend(self, pairs: Pairs) -> None:
+        """Go from the root's children to the triangles below."""
+        later = []
+        for depth in range(1, len(self.tree.levels)):
+            orders = self.search.any_hit and depth == len(self.tree.levels) - 1
+            pairs, others = self._open_nodes(depth, pairs, orders)
+            later.append(others)
+        self._open_blocks(pairs)
+        if later:
+            self._open_blocks(self._drop_passed(later[-1]))
+
+    def _test_large(self) -> None:
+        """Test all rays with the triangles that are in no block."""
+        size, count = len(self.tree.large), len(self.best)
+        for start in range(0, count if size else 0, LANE_BLOCK):
+            lines = _in_packets(self.rays.lines[start : min(start + LANE_BLOCK, count)])
+            index, inside = cross_triangles(self.tree.large_edges, lines)
+            slot, ray = _split_index(index, size, lines.shape[1])
+            self._take_in(ray + start, self.tree.large.take(slot), inside)
+
+    def _enter_root(self) -> Pairs:
+        """Pairs of rays and the root's children that they enter."""
+        parts = []
+        count = len(self.best)
+        for start in range(0, count, LANE_BLOCK):
+            slabs = _in_packets(self.rays.slabs[start : min(start + LANE_BLOCK, count)])
+            index, entry = enter_boxes(self.tree.levels[0], slabs)
+            child, ray = _split_index(index, self.tree.levels[0].shape[2] // 2, slabs.shape[1])
+            parts.append(Pairs((ray + start).astype(np.int32), child.astype(np.uint16), entry))
+        return Pairs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def _drop_passed(self, pairs: Pairs) -> Pairs:
+        """Leave out what lies beyond the best distance by now."""
+        alive = np.flatnonzero(pairs.entry <= self.best.take(pairs.row))
+        return pairs if len(alive) == len(pairs.row) else pairs.select(alive)
+
+    def _open_nodes(self, depth: int, pairs: Pairs, orders: bool) -> tuple[Pairs, Pairs]:
+        """Pairs of rays and the children that they enter: all, or the nearest and the others."""
+        table = self.tree.levels[depth]
+        fan = table.shape[2] // 2
+        packets = make_packets(pairs.row, pairs.target, len(table), len(self.best))
+        lanes = packets.ray.shape[1]
+        step = LANE_BLOCK // lanes
+        found = [(np.zeros(0, np.intp), np.zeros(0, np.float32))]
+        for start in range(0, len(packets.node), step):
+            part = slice(start, start + step)
+            slabs = self.rays.slabs.take(packets.ray[part], axis=0)
+            index, entry = enter_boxes(table.take(packets.node[part], axis=0), slabs)
+            index += start * fan * lanes
+            found.append((index, entry))
+        index, entry = (np.concatenate(column) for column in zip(*found, strict=True))
+        row = index // lanes  # packet F + child
+        packet = row // fan
+        lane = index + (packet - row) * lanes  # packet l + place
+        ray = packets.ray.ravel().take(lane)
+        alive = np.flatnonzero(entry <= self.best.take(ray, mode="clip"))
+        row, packet, ray = row.take(alive), packet.take(alive), ray.take(alive)
+        child = packets.node.take(packet) * fan + (row - packet * fan)
+        entered = Pairs(ray.astype(np.int32), child.astype(np.uint16), entry.take(alive))
+        if orders:
+            return _split_nearest(entered, lane.take(alive), packets.ray.size)
+        return entered, entered.part(slice(0, 0))
+
+    def _open_blocks(self, pairs: Pairs) -> None:
+        """Test the triangles of blocks with the rays that enter them."""
+        size = self.tree.items.shape[1]
+        packets = make_packets(pairs.row, pairs.target, len(self.tree.items), len(self.best))
+        lanes = packets.ray.shape[1]
+        step = LANE_BLOCK // lanes
+        found = [(np.zeros(0, np.intp), np.zeros(0, bool))]
+        for start in range(0, len(packets.node), step):
+            part = slice(start, start + step)
+            lines = self.rays.lines.take(packets.ray[part], axis=0)
+            index, inside = cross_triangles(self.tree.edges.take(packets.node[part], axis=0), lines)
+            index += start * size * lanes
+            found.append((index, inside))
+        index, inside = (np.concatenate(column) for column in zip(*found, strict=True))
+        row = index // lanes  # packet k + slot
+        packet = row // size
+        ray = packets.ray.ravel().take(index + (packet - row) * lanes)
+        triangle = self.tree.items.ravel().take(packets.node.take(packet) * size + (row - packet * size))
+        self._take_in(ray, triangle, inside)
+
+    def _take_in(self, ray: NDArray[np.intp], triangle: NDArray, inside: Booleans) -> None:
+        """Have candidates decided; let those that are certain cull."""
+        changed = self.decisions.take_in(ray, triangle, inside)
+        self.best[changed] = to_bounds(self.decisions.best.take(changed), self.rays.way.take(changed))
+
+
+def _in_packets(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Rows (k, c) of rays as packets (p, l, c): of a size for which no library of matrix products starts threads."""
+    lanes = LANES[-1]
+    return rows.reshape(-1, lanes, rows.shape[1]) if len(rows) % lanes == 0 else rows[np.newaxis]
+
+
+def _split_index(index: NDArray[np.intp], fan: int, lanes: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The middle one of places in (p, fan, lanes), and the ray that the others make."""
+    row = index // lanes
+    packet = row // fan
+    return row - packet * fan, index + (packet - row) * lanes
+
+
+def _split_nearest(pairs: Pairs, lane: NDArray[np.intp] | None, count: int) -> tuple[Pairs, Pairs]:
+    """(nearest, others) of the pairs in each of `count` lanes, which are their rows unless given."""
+    lane = pairs.row if lane is None else lane
+    least = np.full(count, np.inf, np.float32)
+    np.minimum.at(least, lane, pairs.entry)
+    nearest = pairs.entry <= least.take(lane)
+    return pairs.select(np.flatnonzero(nearest)), pairs.select(np.flatnonzero(~nearest))
+
+
+@np.errstate(all="ignore")
+def offer_dense(tree: DenseTree, search: Search) -> None:
+    """Offer a search all triangles that its rays may hit, or settle them."""
+    if len(search.rays):
+        Walk(tree, search).run()

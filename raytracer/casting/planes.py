@@ -1,0 +1,181 @@
+"""Where rays meet the planes of triangles, in float64 with a bound: what settles most candidates without `search`.
+
+A triangle's plane is stored once, in a frame of size one: normal, corner, bound. An accelerator that knows of a pair
+(ray, triangle) whether the line certainly passes inside the triangle learns here between which distances the ray meets
+the plane. What is certainly out of range is dropped, what is certainly in range narrows the ray's range; a ray's only
+candidate, if certain, is settled, and all others are offered to `search`, which decides exactly.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from raytracer.arrays.types import Booleans, Floats, Indices
+from raytracer.casting.geometry import Ids
+from raytracer.casting.query import Search
+from raytracer.predicates.filtered import cross
+from raytracer.predicates.rounding import UNIT_ROUNDOFF
+
+# Rows: normal, corner, bound and one number to fill 64 bytes; origin, direction, share of the bound, start of range.
+PLANE_COLUMNS = LINE_COLUMNS = 8
+# Pairs measured at a time: what they need fits the cache.
+PAIR_BLOCK = 2048
+# Candidates offered at a time.
+OFFER_PAIRS = 1 << 14
+
+
+def make_planes(corners: Floats) -> Floats:
+    """(t, 8) normal N scaled to a largest component of 1, corner a, a bound e on the roundings that N brings, and 0,
+    of corners (3, 3, t) in the frame.
+
+    A corner in the frame is off by u, so a side of at most s by u (2 + s); a component of N, two products of sides and
+    their difference, by 8 u s (1 + s), of which 9 covers the second order. Scaling adds u; `meet_planes` adds up to
+    5 u |N| where it multiplies by N.
+    """
+    side_b, side_c = corners[1] - corners[0], corners[2] - corners[0]
+    normal = cross(side_b, side_c)
+    planes = np.zeros((corners.shape[2], PLANE_COLUMNS))
+    with np.errstate(all="ignore"):
+        size = np.abs(normal).max(axis=0)
+        extent = np.maximum(np.abs(side_b).max(axis=0), np.abs(side_c).max(axis=0))
+        planes[:, :3] = (normal / size).T
+        planes[:, 3:6] = corners[0].T
+        planes[:, 6] = UNIT_ROUNDOFF * (9 * extent * (1 + extent) / size + 7)
+    return planes
+
+
+def make_lines(origin: Floats, direction: Floats, start: Floats | float) -> Floats:
+    """(n, 8) rows of rays o + t d, t >= start, (3, n) planes and (n,) in the frame, |d| <= 1: the seventh number is
+    4 u (1 + |o|), see `meet_planes`."""
+    lines = np.empty((origin.shape[1], LINE_COLUMNS))
+    lines[:, :3], lines[:, 3:6], lines[:, 7] = origin.T, direction.T, start
+    sizes = np.abs(origin)
+    farthest = np.maximum(np.maximum(sizes[0], sizes[1]), sizes[2])
+    np.multiply(1 + farthest, 4 * UNIT_ROUNDOFF, out=lines[:, 6])
+    return lines
+
+
+def meet_planes(planes: Floats, lines: Floats) -> tuple[Floats, Floats]:
+    """t = T / D with T = w . N, w = a - o, D = d . N of rows (8, k) as planes, and a bound on its error; infinite or
+    NaN where there is none.
+
+    w is off by u (1 + |o|) + u |w|, so T by |w|_1 e + 4 u (1 + |o|), where |.|_1 sums components and |o| is the
+    largest; D by 3 e, as |d| <= 1; and the quotient by (e_T + |t| e_D) / (|D| - e_D) + u |t|. As e >= 7 u, a fourth e
+    pays for the quotient and for adding the bound to it.
+    """
+    normal, error = planes[:3], planes[6]
+    way = planes[3:6] - lines[:3]
+    product = lines[3:6] * normal
+    denominator = product[0] + product[1]
+    denominator += product[2]
+    np.multiply(way, normal, out=product)
+    t = product[0] + product[1]
+    t += product[2]
+    t /= denominator
+    np.abs(way, out=way)
+    bound = np.abs(t)
+    bound *= 4
+    for steps in way:
+        bound += steps
+    bound *= error
+    bound += lines[6]
+    room = np.abs(denominator, out=denominator)
+    room -= 3 * error
+    # No room: negative, zero or NaN, and so is the quotient, which the maximum passes on as infinity or NaN.
+    bound /= room
+    np.copyto(bound, np.inf, where=~(room > 0))
+    return t, bound
+
+
+class Measured(NamedTuple):
+    """Candidates with the interval of their distance, in the frame, and whether they are certainly hit in range."""
+
+    ray: Indices
+    triangle: Ids
+    low: Floats
+    certain: Booleans
+
+    def select(self, index: Indices) -> Measured:
+        return Measured(self.ray.take(index), self.triangle.take(index), self.low.take(index), self.certain.take(index))
+
+
+class PlaneDecisions:
+    """Takes in candidates of a search's rays and settles or offers them; all, to one that no hit narrows.
+
+    best, t_max : (n,) as `Search.best` and the rays' range, in the frame
+    """
+
+    def __init__(self, search: Search, planes: Floats) -> None:
+        count = len(search.rays)
+        self.search, self.planes = search, planes
+        self.lines = np.empty((count, LINE_COLUMNS))
+        self.best, self.t_max = np.empty(count), np.empty(count)
+        self.pool: list[Measured] = []
+
+    def set_rays(self, rows: slice, origin: Floats, direction: Floats, unit: Floats) -> None:
+        """Let `rows` of the rays be o + t d, (3, k) planes in the frame, where t counts `unit` times the rays' own t.
+
+        `unit` is a power of two. What it takes out of the range of float64 is below any bound, infinite, or NaN, which
+        is never certain; a NaN as the farthest distance is replaced by infinity, with which traversal can work.
+        """
+        search = self.search
+        self.lines[rows] = make_lines(origin, direction, search.t_min[rows] * unit)
+        np.multiply(search.rays.t_max[rows], unit, out=self.t_max[rows])
+        np.multiply(search.best[rows], unit, out=self.best[rows])
+        np.copyto(self.best[rows], np.inf, where=np.isnan(self.best[rows]))
+
+    def take_in(self, ray: Indices, triangle: Indices, inside: Booleans) -> Indices:
+        """Measure candidates, of which `inside` says where the line certainly meets the triangle's inner; return the
+        rays whose `best` may have changed."""
+        if not self.search.narrows:
+            self.pool.append(Measured(ray, triangle, np.zeros(len(ray)), np.zeros(len(ray), bool)))
+            return ray[:0]
+        parts = []
+        for start in range(0, len(ray), PAIR_BLOCK):
+            part = slice(start, start + PAIR_BLOCK)
+            parts.append(self._measure(ray[part], triangle[part], inside[part]))
+        if not parts:
+            return ray
+        low_high = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        measured, high = Measured(*low_high[:4]), low_high[4]
+        certain = np.flatnonzero(measured.certain)
+        changed = measured.ray.take(certain)
+        if self.search.any_hit:
+            self.search.settle(changed, measured.triangle.take(certain))
+            self.best[changed] = -np.inf
+            measured = measured.select(np.flatnonzero(self.best.take(measured.ray) > -np.inf))
+        else:
+            np.minimum.at(self.best, changed, high.take(certain))
+        self.pool.append(measured)
+        return changed
+
+    def _measure(self, ray: Indices, triangle: Indices, inside: Booleans) -> tuple:
+        """The columns of Measured and the upper end of the interval, of those that may be in range."""
+        planes = np.ascontiguousarray(self.planes.take(triangle, axis=0).T)
+        lines = np.ascontiguousarray(self.lines.take(ray, axis=0).T)
+        t, bound = meet_planes(planes, lines)
+        low, high = t - bound, np.add(t, bound, out=t)
+        # NaN is neither before nor behind.
+        possible = np.flatnonzero(~((high < lines[7]) | (low > self.best.take(ray))))
+        ray, low, high = ray.take(possible), low.take(possible), high.take(possible)
+        certain = inside.take(possible) & (low >= lines[7].take(possible)) & (high <= self.t_max.take(ray))
+        return ray, triangle.take(possible), low, certain, high
+
+    def finish(self, settles: bool = True) -> None:
+        """Settle certain candidates that are their rays' only ones, unless there are others that are not here
+        (`settles` False), and offer the rest."""
+        if not self.pool:
+            return
+        left = Measured(*(np.concatenate(column) for column in zip(*self.pool, strict=True)))
+        if self.search.narrows:
+            left = left.select(np.flatnonzero(~(left.low > self.best.take(left.ray))))
+        if not self.search.any_hit and settles:
+            alone = np.bincount(left.ray, minlength=len(self.best)).take(left.ray) == 1
+            clear = left.select(np.flatnonzero(left.certain & alone))
+            self.search.settle(clear.ray, clear.triangle)
+            left = left.select(np.flatnonzero(~(left.certain & alone)))
+        for start in range(0, len(left.ray), OFFER_PAIRS):
+            part = slice(start, start + OFFER_PAIRS)
+            self.search.offer(left.ray[part], left.triangle[part])
