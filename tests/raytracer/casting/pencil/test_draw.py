@@ -9,7 +9,7 @@ import raytracer
 from raytracer.casting.brute_force import offer_all
 from raytracer.casting.pencil.cluster_culling import are_hidden, cull_clusters, project_vertices
 from raytracer.casting.pencil.clusters import CLUSTER, make_clusters
-from raytracer.casting.pencil.grids import PixelGrid
+from raytracer.casting.pencil.grids import RANGE_SLACK, PixelGrid, limit_nearness
 from raytracer.casting.pencil.jittered_grid import JitteredGrid
 from raytracer.casting.pencil.packet_grid import SIDE, PacketGrid
 from raytracer.casting.pencil.pencil import find_pencil, make_views
@@ -139,6 +139,16 @@ def test_float64_and_float32_casters_draw_too(rng):
         true = replace(caster, offer=offer_all, smallest_pencil=None).closest_hit(origins, directions)
         np.testing.assert_array_equal(hits.hit, true.hit)
         np.testing.assert_array_equal(hits.distance, true.distance)
+
+
+def test_limits_are_below_the_nearness_of_hits_within_range_and_close_to_it(rng):
+    step, t = np.exp(rng.normal(size=(2, 10000)) * 5)
+    limit, true = limit_nearness(step, t).astype(np.longdouble), 1 / (step.astype(np.longdouble) * t)
+    assert (limit < true * (1 - RANGE_SLACK / 2)).all()
+    assert (limit * np.float32(1 + 4 * RANGE_SLACK) > true * (1 + RANGE_SLACK / 2)).all()
+    with np.errstate(divide="ignore"):
+        at_origin = limit_nearness(np.ones(3), np.array([-np.inf, 0.0, np.inf]))
+    np.testing.assert_array_equal(at_origin, np.array([np.inf, 2.0**127, 0.0]))
 
 
 def find_grid(directions):

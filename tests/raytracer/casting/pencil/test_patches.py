@@ -177,3 +177,20 @@ def test_image_points_of_vertices_are_within_their_bound(rng, scale):
     image = patches.judge_image(matrix, 0.0)
     share = np.abs(points[:2, seen] - true) / (image.corner_share * np.abs(true) + image.corner_error)
     assert NOT_IDLE < share.max() <= 1
+
+
+def test_rounding_alone_is_within_its_share_and_so_is_level_nearness(rng):
+    """Corners that are float32 numbers near the base, and triangles all of whose corners are equally near."""
+    corners = rng.uniform(-8, 8, (2, 3, COUNT)).astype(np.float32)
+    nearness = rng.uniform(0.5, 2.0, COUNT)
+    points = np.concatenate([corners, np.tile(nearness, (1, 3, 1))]).astype(np.float32)
+    rows = np.empty((patches.ROWS, COUNT), np.float32)
+    image = patches.Image(0.0, 0.0, 0.0)
+    patches.set_up_small(points, np.zeros((2, COUNT), np.float32), np.full(COUNT, np.float32(8)), image, rows)
+    place = rng.uniform(-8, 8, (2, COUNT)).astype(np.float32)
+    edges = evaluate_edges(corners.astype(np.float64), *place.astype(np.float64))
+    edges *= np.sign(edges.sum(axis=0))
+    share = np.abs([evaluate_rows(rows, edge, place) for edge in range(EDGES)] - edges) / rows[TOLERANCE]
+    assert NOT_IDLE < share.max() <= 1
+    share = np.abs(evaluate_rows(rows, EDGES, place) - nearness) / rows[NEAR_ERROR]
+    assert NOT_IDLE < share.max() <= 1
