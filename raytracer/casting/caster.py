@@ -1,14 +1,14 @@
 """The public caster: arrays of rays in, closest hits or occlusion out.
 
-`build` packs a scene's geometry once; a Caster answers any number of batches. How candidates are found changes no
-result: by `pencil` where many rays share a point or a direction, else by `dense` among triangles, by `bvh` where there
-are spheres or instances, by `matrix_form` among a few dozen triangles. Decisions are made in `query`.
+`build` packs a scene's geometry once; a Caster answers any number of batches. `choose` says how candidates are found,
+which changes no result; decisions are made in `query`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,14 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 from raytracer.arrays.checks import require_choice
 from raytracer.arrays.memory import keep_freed_memory
 from raytracer.arrays.types import Booleans
-from raytracer.casting.bvh.hierarchy import Hierarchy, build_hierarchy, choose_flattened
-from raytracer.casting.bvh.traverse import offer_traversed
+from raytracer.casting.bvh.hierarchy import choose_flattened
+from raytracer.casting.choose import Offer, choose_accelerators
 from raytracer.casting.crossings import CrossingSearch
-from raytracer.casting.dense.offer import DenseOffer, suits_dense
+from raytracer.casting.dense.offer import DenseOffer
 from raytracer.casting.geometry import Geometry, pack_geometry
 from raytracer.casting.matrix_form import MatrixForm
-from raytracer.casting.pencil.pencil import Rows, View, find_pencil, make_views
-from raytracer.casting.pencil.projection import project
+from raytracer.casting.pencil.offer import DrawnOffer
+from raytracer.casting.pencil.packet_grid import PacketGrid
+from raytracer.casting.pencil.pencil import Pencil, Rows, View, find_pencil, make_views
+from raytracer.casting.pencil.pixel_grid import find_pixel_grid
+from raytracer.casting.pencil.projection import Projection, project
 from raytracer.casting.pencil.rasterize import offer_projected
 from raytracer.casting.primitives import Primitives, make_primitives
 from raytracer.casting.query import Search
@@ -39,11 +42,6 @@ DENSE_RAYS = 1 << 17
 PENCIL_RAYS = 1 << 18
 # Rays of a call that are looked at together.
 CALL_RAYS = 1 << 20
-# Up to this many triangles and spheres, looking at all of them is quicker than a tree.
-MATRIX_TRIANGLES, MATRIX_SPHERES = 128, 8
-# With fewer rays than this share of the triangles, or than this many, a tree is quicker than projection; a matrix form
-# is quicker still.
-PENCIL_SHARE, SMALLEST_PENCIL, SMALLEST_PENCIL_OF_FEW = 0.25, 4096, 8192
 
 # Once per process, workers included.
 keep_freed_memory()
@@ -56,12 +54,15 @@ class Caster:
     offer : the accelerator for any rays, a function that offers a Search all candidates its rays can hit
     smallest_pencil : least number of rays with a common point or direction, for each view of theirs, that are
         projected; None: never
+    drawn : offers a search, whose rays leave one point, what is drawn on their grid; None where not all is triangles
+        of flattened instances
     """
 
     scene: Scene
     primitives: Primitives
-    offer: Callable[[Search], None]
+    offer: Offer
     smallest_pencil: int | None = None
+    drawn: DrawnOffer | None = None
 
     @property
     def geometry(self) -> Geometry:
@@ -148,44 +149,52 @@ class Caster:
             return
         for start in range(0, len(rays), CALL_RAYS):
             some = rays.select(slice(start, start + CALL_RAYS))
-            views = self._find_views(some)
-            cast = self._cast_views(views, some, any_hit) if views else self._cast_any(some, any_hit)
-            for rows, search in cast:
-                yield (
-                    (slice(start + rows.start, start + rows.stop) if isinstance(rows, slice) else start + rows),
-                    search,
-                )
+            for rows, offer in self._plan(some, any_hit):
+                search = Search(self.primitives, some.select(rows), any_hit)
+                offer(search)
+                yield slice(start + rows.start, start + rows.stop) if isinstance(rows, slice) else start + rows, search
 
-    def _find_views(self, rays: Rays) -> list[View]:
-        """The views of rays that form a pencil with enough rays for each; else none."""
-        if self.smallest_pencil is None or len(rays) < self.smallest_pencil:
-            return []
-        pencil = find_pencil(rays)
-        if pencil is None:
-            return []
-        reach = np.abs(self.primitives.bounds - pencil.centre).max()
-        # A power of two by which the scene and the pencil come to a size of about one.
-        views = list(make_views(pencil, rays, float(np.ldexp(1.0, -int(np.frexp(reach)[1])))))
-        return views if len(rays) >= self.smallest_pencil * len(views) else []
-
-    def _cast_any(self, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
+    def _plan(self, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Offer]]:
+        """Yield batches of rays and what offers a search of theirs all candidates."""
+        pencil = self._find_pencil(rays)
+        if pencil is not None:
+            reach = np.abs(self.primitives.bounds - pencil.centre).max()
+            # A power of two by which the scene and the pencil come to a size of about one.
+            scale = float(np.ldexp(1.0, -int(np.frexp(reach)[1])))
+            if self.drawn is not None and self._draws(pencil, any_hit):
+                grid = find_pixel_grid(rays, scale)
+                if grid is not None:
+                    yield slice(0, len(rays)), partial(self.drawn, grid)
+                    return
+            views = list(make_views(pencil, rays, scale))
+            if self.smallest_pencil is not None and len(rays) >= self.smallest_pencil * len(views):
+                for view in views:
+                    yield from self._plan_view(view, any_hit)
+                return
         size = DENSE_RAYS if isinstance(self.offer, DenseOffer) else BATCH_RAYS
         for start in range(0, len(rays), size):
-            rows = slice(start, min(start + size, len(rays)))
-            search = Search(self.primitives, rays.select(rows), any_hit)
-            self.offer(search)
-            yield rows, search
+            yield slice(start, min(start + size, len(rays))), self.offer
 
-    def _cast_views(self, views: list[View], rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
+    def _find_pencil(self, rays: Rays) -> Pencil | None:
+        """The pencil that rays form, if there are enough of them."""
+        if self.smallest_pencil is None or len(rays) < self.smallest_pencil:
+            return None
+        return find_pencil(rays)
+
+    def _draws(self, pencil: Pencil, any_hit: bool) -> bool:
+        """True for rays that leave one point; among a few triangles, shadow rays are quicker projected."""
+        few = isinstance(self.offer, MatrixForm)
+        return not (pencil.parallel or pencil.arriving or (few and any_hit))
+
+    def _plan_view(self, view: View, any_hit: bool) -> Iterator[tuple[Rows, Offer]]:
+        if self.drawn is not None and self._draws(view.pencil, any_hit):
+            yield view.pick(0, len(view)), partial(self.drawn, PacketGrid(view))
+            return
         size = min(max(BATCH_RAYS, len(self.primitives.corners) // 2), PENCIL_RAYS)
-        for view in views:
-            projection = project(view, self.primitives)
-            for start in range(0, len(view), size):
-                stop = min(start + size, len(view))
-                rows = view.pick(start, stop)
-                search = Search(self.primitives, rays.select(rows), any_hit)
-                offer_projected(view, projection, search, slice(start, stop))
-                yield rows, search
+        projection = project(view, self.primitives)
+        for start in range(0, len(view), size):
+            part = slice(start, min(start + size, len(view)))
+            yield view.pick(part.start, part.stop), partial(_offer_part, view, projection, part)
 
     def crossings(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.int32]:
         """Return how many triangles each ray crosses, (n,) int32; odd means inside a closed mesh.
@@ -244,41 +253,12 @@ def build(scene: Scene, precision: str = "certified", last: Caster | None = None
     require_choice(precision, PRECISIONS, "build: precision")
     geometry = pack_geometry(scene)
     primitives = make_primitives(geometry, precision, choose_flattened(geometry))
-    sphere_count = len(geometry.radii)
-    if sphere_count <= MATRIX_SPHERES and geometry.sphere_id <= MATRIX_TRIANGLES:
-        return Caster(scene, primitives, MatrixForm(primitives), SMALLEST_PENCIL_OF_FEW)
-    smallest_pencil = None
-    if primitives.flattened.all():
-        smallest_pencil = max(SMALLEST_PENCIL, int(PENCIL_SHARE * len(primitives.corners)))
-    return Caster(scene, primitives, _choose_tree(primitives, last), smallest_pencil)
+    chosen = choose_accelerators(primitives, None if last is None else last.offer)
+    return Caster(scene, primitives, chosen.offer, chosen.smallest_pencil, chosen.drawn)
 
 
-def _choose_tree(primitives: Primitives, last: Caster | None) -> TreeOffer | DenseOffer:
-    """The offer for more than a few triangles or spheres; what did not move is taken from the last caster."""
-    before = last.offer if last is not None else None
-    dense = before if isinstance(before, DenseOffer) else None
-    tree = dense.other if dense is not None else before
-    other = TreeOffer(primitives, tree.latest if isinstance(tree, TreeOffer) else None)
-    return DenseOffer(primitives, other, dense) if suits_dense(primitives) else other
-
-
-class TreeOffer:
-    """Offers candidates found by a hierarchy, which is built when the first rays ask for it.
-
-    latest : the hierarchy, or until it is built the one that it will be built from
-    """
-
-    def __init__(self, primitives: Primitives, last: Hierarchy | None = None) -> None:
-        self.primitives = primitives
-        self.latest = last
-        self.is_built = False
-
-    def __call__(self, search: Search) -> None:
-        """Offer a search all primitives that its rays may hit."""
-        if not self.is_built:
-            self.latest, self.is_built = build_hierarchy(self.primitives, self.latest), True
-        assert self.latest is not None
-        offer_traversed(self.latest, search)
+def _offer_part(view: View, projection: Projection, rows: slice, search: Search) -> None:
+    offer_projected(view, projection, search, rows)
 
 
 def _misses(valid: Booleans) -> Hits:

@@ -7,6 +7,7 @@ same formula (`geometry.transform_points`), so that both give the same bits.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,10 +103,20 @@ def name_rows(primitives: Primitives, row: Ids) -> Ids:
     return row - primitives.row_shift[flat[np.searchsorted(first_row, row, side="right") - 1]]
 
 
-def gather_corners(primitives: Primitives, primitive_id: Ids) -> NDArray:
-    """Return the (9, k) planes of world corners of triangle ids."""
+def gather_corners(primitives: Primitives, primitive_id: Ids, turn: Sequence[int] = (0, 1, 2)) -> NDArray:
+    """Return the (9, k) planes of world corners of triangle ids, each corner's coordinates in the order `turn`."""
+    rows = _gather_rows(primitives, primitive_id)
+    planes = np.empty((9, len(rows)), rows.dtype)
+    for corner in (0, 3, 6):
+        for place, coordinate in enumerate(turn):
+            planes[corner + place] = rows[:, corner + coordinate]
+    return planes
+
+
+def _gather_rows(primitives: Primitives, primitive_id: Ids) -> NDArray:
+    """(k, 9) world corners of triangle ids."""
     if primitives.flattened.all():
-        return np.ascontiguousarray(np.take(primitives.corners, primitive_id, axis=0).T)
+        return primitives.corners.take(primitive_id, axis=0)
     instance, primitive = split_id(primitives.geometry, primitive_id)
     flat = primitives.flattened[instance]
     rows = np.empty((len(primitive_id), 9), primitives.dtype)
@@ -113,7 +124,7 @@ def gather_corners(primitives: Primitives, primitive_id: Ids) -> NDArray:
     if not flat.all():
         placed = ~flat
         rows[placed] = np.concatenate(world_corners(primitives.geometry, instance[placed], primitive[placed]), axis=1)
-    return np.ascontiguousarray(rows.T)
+    return rows
 
 
 def gather_spheres(primitives: Primitives, primitive_id: Ids) -> tuple[NDArray, NDArray]:

@@ -20,21 +20,14 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.casting.edges import judge_edges, name_axis_planes, name_meeting_points
-from raytracer.casting.geometry import Ids, split_id
+from raytracer.casting.geometry import Ids
+from raytracer.casting.measure import TURNS, Chosen, gather_lines, gather_turned, measure_hits
 from raytracer.casting.primitives import Primitives, gather_corners, gather_spheres
 from raytracer.casting.rays import Hits, Rays
-from raytracer.predicates import exact, filtered, refine
+from raytracer.predicates import exact, filtered
 from raytracer.predicates.rounding import gamma
 
-# The order of coordinates that brings each axis to the last place; cyclic, so that orientations stay.
-TURNS = ([1, 2, 0], [2, 0, 1], [0, 1, 2])
-
-
 NO_ID = np.iinfo(np.int64).max
-
-
-# Hits measured at a time: what they need fits the cache.
-MEASURE_BLOCK = 8192
 
 
 class Candidates(NamedTuple):
@@ -102,14 +95,6 @@ class Search:
             if len(index):
                 yield axis, index
 
-    def _gather_lines(self, ray: Indices, axis: int) -> NDArray:
-        """The (8, k) planes of rays of one main axis: origin, direction and slopes, turned so that it comes last."""
-        lines = np.empty((8, len(ray)))
-        lines[:3] = self.rays.origins.take(ray, axis=0).T[TURNS[axis]]
-        lines[3:6] = self.rays.directions.take(ray, axis=0).T[TURNS[axis]]
-        np.divide(lines[3:5], lines[5], out=lines[6:])
-        return lines.astype(self.primitives.dtype, copy=False)
-
     def _bound_edges(self, lines: NDArray, axis: int) -> Floats:
         """(k,) a bound on edge functions per line, from the farthest coordinate of any triangle; else 0."""
         if not self.certified:
@@ -119,10 +104,6 @@ class Search:
         reach = np.maximum(np.maximum(away[0], away[1]), away[2])
         # Three roundings: two differences and the product that absorbs them.
         return filtered.edge_error_of_ray(lines[6:], reach * (1 + gamma(3)))
-
-    def _turned_corners(self, primitive_id: Ids, axis: int) -> NDArray:
-        """The (3 corners, 3, k) planes of triangles, the main axis last."""
-        return gather_corners(self.primitives, primitive_id).reshape(3, 3, -1)[:, TURNS[axis]]
 
     def _turned_spheres(self, primitive_id: Ids, axis: int) -> tuple[NDArray, NDArray]:
         centre, radius = gather_spheres(self.primitives, primitive_id)
@@ -153,8 +134,8 @@ class Search:
         return np.concatenate([triangles, self._offer_spheres(ray[sphere], primitive_id[sphere], axis)])
 
     def _offer_triangles(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
-        corners = self._turned_corners(primitive_id, axis)
-        lines = self._gather_lines(ray, axis)
+        corners = gather_turned(self.primitives, primitive_id, axis)
+        lines = gather_lines(self.primitives, self.rays, ray, axis)
         bound = self._bound_edges(lines, axis)
         edges = filtered.edge_functions(*(filtered.shear(corner - lines[:3], lines[6:]) for corner in corners))
         highest = np.maximum(np.maximum(edges[0], edges[1]), edges[2])
@@ -177,7 +158,7 @@ class Search:
 
     def _offer_spheres(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
         centre, radius = self._turned_spheres(primitive_id, axis)
-        lines = self._gather_lines(ray, axis)
+        lines = gather_lines(self.primitives, self.rays, ray, axis)
         roots = filtered.intersect_sphere_certified(lines[3:6], centre - lines[:3], radius)
         t_min = self.t_min[ray]
         if not self.certified:
@@ -257,9 +238,10 @@ class Search:
             self._close_certified()
         else:
             ray = np.flatnonzero(self.best_id != NO_ID)
-            self.settle(ray, self.best_id[ray])
+            t = self.best[ray]
+            self.settled.append(Candidates(ray, self.best_id[ray], t, t, np.ones(len(ray), bool)))
         if self.settled:
-            self._measure_all(hits, _join(self.settled))
+            self._measure(hits, _join(self.settled))
         return hits
 
     def _close_certified(self) -> None:
@@ -278,34 +260,15 @@ class Search:
             chosen[run] += self._decide(left, *runs[run]).chosen
         return left.select(chosen[chosen >= runs[:, 0]])
 
-    def _measure_all(self, hits: Hits, chosen: Candidates) -> None:
-        """Fill in the hits of rays with their one chosen candidate each; how it was chosen leaves no trace."""
-        for start in range(0, len(chosen.ray), MEASURE_BLOCK):
-            block = slice(start, start + MEASURE_BLOCK)
-            self._measure(hits, chosen.ray[block], chosen.primitive_id[block], chosen.t[block])
+    def _measure(self, hits: Hits, chosen: Candidates) -> None:
+        """Fill in the hits of rays with their one chosen candidate each; what float64 cannot measure, integers do."""
+        measure_hits(hits, self.primitives, self.rays, self.axis, Chosen(chosen.ray, chosen.primitive_id, chosen.t))
         if not self.certified:
             return
-        self._narrow_bounds(hits, chosen)
         for k in np.flatnonzero(~(chosen.certain & np.isfinite(hits.distance_error.take(chosen.ray)))):
             ray, decision = chosen.ray[k], self._decide(chosen, k, k + 1)
             hits.distance[ray], hits.distance_error[ray] = decision.t, decision.t_error
             hits.barycentric[ray] = decision.barycentric
-
-    def _narrow_bounds(self, hits: Hits, chosen: Candidates) -> None:
-        """Measure triangles whose distance has a wide bound once more, in pairs."""
-        wide = refine.is_wide(hits.distance.take(chosen.ray), hits.distance_error.take(chosen.ray))
-        index = np.flatnonzero(wide & (chosen.primitive_id < self.primitives.geometry.sphere_id))
-        for start in range(0, len(index), MEASURE_BLOCK):
-            some = index[start : start + MEASURE_BLOCK]
-            ray = chosen.ray.take(some)
-            origin, direction = (
-                np.ascontiguousarray(vectors.take(ray, axis=0).T)
-                for vectors in (self.rays.origins, self.rays.directions)
-            )
-            corners = gather_corners(self.primitives, chosen.primitive_id.take(some)).reshape(3, 3, -1)
-            distance, error = refine.divide_determinants(origin, direction, corners[0], corners[1], corners[2])
-            better = ~(hits.distance_error[ray] <= error)
-            hits.distance[ray[better]], hits.distance_error[ray[better]] = distance[better], error[better]
 
     def _are_settled(self, left: Candidates, runs: NDArray[np.intp]) -> Booleans:
         """(g,) True for runs of one certain candidate, or of certain ones that all meet the ray in one point."""
@@ -327,8 +290,10 @@ class Search:
         triangle = np.flatnonzero(candidates.primitive_id < self.primitives.geometry.sphere_id)
         ray, primitive_id = candidates.ray[triangle], candidates.primitive_id[triangle]
         for axis, part in self._by_axis(ray):
-            corners = self._turned_corners(primitive_id[part], axis)
-            points[:, triangle[part]] = name_meeting_points(self._gather_lines(ray[part], axis), corners)
+            corners = gather_turned(self.primitives, primitive_id[part], axis)
+            points[:, triangle[part]] = name_meeting_points(
+                gather_lines(self.primitives, self.rays, ray[part], axis), corners
+            )
             planes[:, triangle[part]] = name_axis_planes(corners)
         return points, planes
 
@@ -347,44 +312,6 @@ class Search:
             corners,
             np.vstack([centre, radius]).T,
         )
-
-    def _measure(self, hits: Hits, ray: Indices, primitive_id: Ids, t: Floats) -> None:
-        """Fill in the rays' hits: indices, barycentric weights and, where certified, the distance and its bound."""
-        hits.instance[ray], hits.primitive[ray] = split_id(self.primitives.geometry, primitive_id)
-        for axis, part in self._by_axis(ray):
-            lines = self._gather_lines(ray[part], axis)
-            if not len(self.primitives.geometry.radii):
-                self._measure_triangles(hits, ray[part], lines, primitive_id[part], t[part], axis)
-                continue
-            sphere = primitive_id[part] >= self.primitives.geometry.sphere_id
-            for kind, measure in ((~sphere, self._measure_triangles), (sphere, self._measure_spheres)):
-                measure(hits, ray[part][kind], lines[:, kind], primitive_id[part][kind], t[part][kind], axis)
-
-    def _measure_triangles(
-        self, hits: Hits, ray: Indices, lines: Floats, primitive_id: Ids, t: Floats, axis: int
-    ) -> None:
-        corners = self._turned_corners(primitive_id, axis)
-        edges = filtered.edge_functions(*(filtered.shear(p - lines[:3], lines[6:]) for p in corners))
-        weights = np.stack(edges[1:], axis=1) / (edges[0] + edges[1] + edges[2])[:, None]
-        hits.barycentric[ray] = np.clip(np.nan_to_num(weights, copy=False), 0.0, 1.0, out=weights)
-        hits.distance[ray], hits.distance_error[ray] = self._measure_distance(lines, corners)
-
-    def _measure_distance(self, lines: Floats, corners: NDArray) -> tuple[Floats, Floats]:
-        if self.certified:
-            return refine.correct_distance(lines[:3], lines[3:6], corners[0], corners[1], corners[2])
-        t = filtered.plane_distance(
-            lines[3:6], corners[0] - lines[:3], corners[1] - corners[0], corners[2] - corners[0]
-        )
-        return t, np.full_like(t, np.nan)
-
-    def _measure_spheres(
-        self, hits: Hits, ray: Indices, lines: Floats, primitive_id: Ids, t: Floats, axis: int
-    ) -> None:
-        if not self.certified:
-            hits.distance[ray], hits.distance_error[ray] = self.best[ray], np.nan
-            return
-        sphere = self._turned_spheres(primitive_id, axis)
-        hits.distance[ray], hits.distance_error[ray] = refine.sphere_distance(lines[:3], lines[3:6], *sphere, t)
 
 
 def _main_axis(directions: Floats) -> NDArray[np.int8]:

@@ -28,7 +28,9 @@ _LOWEST_BIT = -1074
 # Zero is a multiple of everything: more than any sum of three exponents needs.
 _UNIT_OF_ZERO = 1 << 12
 
-
+_SMALLEST_NORMAL = 2.0**-1022
+# The bits of a float64 that hold its exponent.
+_EXPONENT_BITS = 0x7FF << 52
 # What the lower halves of split factors leave to rounding, `correct_distance`.
 _HALVES_BOUND = 3 * 2.0**-26 * UNIT_ROUNDOFF
 
@@ -45,8 +47,18 @@ def _in_range(permanent: Floats, *vectors: Floats) -> NDArray[np.bool_]:
 
 
 def _half_ulp(t: Floats) -> Floats:
-    """Half the spacing of floats at t; the least float where that is none."""
-    return np.maximum(np.spacing(np.abs(t)) / 2, np.finfo(np.float64).smallest_subnormal)
+    """Half the spacing of floats at t; the least float where that is none.
+
+    Of a normal number, u times the power of two at or below it: what its bits without those of the mantissa say, in a
+    tenth of the time that `np.spacing` takes.
+    """
+    size = np.abs(t)
+    if not (size.size and size.min() > _SMALLEST_NORMAL / UNIT_ROUNDOFF and size.max() < np.inf):
+        return np.maximum(np.spacing(size) / 2, np.finfo(np.float64).smallest_subnormal)
+    bits = size.view(np.int64)
+    bits &= _EXPONENT_BITS
+    size *= UNIT_ROUNDOFF
+    return size
 
 
 def _unit(*vectors: Floats) -> NDArray[np.int32]:
@@ -110,27 +122,44 @@ def correct_distance(origin: Floats, direction: Floats, a: Floats, b: Floats, c:
 
         error of N . w  <=  gamma(10) Q . |w| + 3 u 2^-26 Q . |s| + underflow.
     """
-    start, start_rest = dd.two_difference(a, origin)
+    start, rest = dd.two_difference(a, origin)
     side_b, side_c = b - a, c - a
     normal = filtered.cross(side_b, side_c)
-    sizes = filtered.cross_permanent(np.abs(side_b), np.abs(side_c))
+    sizes = filtered.cross_permanent(np.abs(side_b, out=side_b), np.abs(side_c, out=side_c))
     denominator = filtered.dot(direction, normal)
     t = dd.split(filtered.dot(start, normal) / denominator)[0]
-    upper, lower = dd.split(direction)
-    residual = np.add(start - t * upper, start_rest - t * lower)
-    denominator_error = filtered.DENOMINATOR_BOUND * filtered.dot(np.abs(direction), sizes)
-    size = np.abs(denominator)
-    room = size - denominator_error
-    lengths = np.abs(residual)
-    reach = gamma(10) * lengths + _HALVES_BOUND * np.abs(start)
-    underflow = filtered.UNDERFLOW * (1 + (sizes + lengths).sum(axis=0))
+    residual = _find_residual(start, rest, direction, t)
     correction = filtered.dot(normal, residual) / denominator
     refined = t + correction
-    share = np.abs(correction) * (denominator_error + 4 * UNIT_ROUNDOFF * size)
-    error = (filtered.dot(sizes, reach) + underflow + share) / room
-    error = (_half_ulp(refined) + error) * (1 + 16 * UNIT_ROUNDOFF)
-    usable = (denominator_error > filtered.SMALLEST_PERMANENT) & (room > 0)
-    return refined, np.where(usable, error, np.inf)
+    size, denominator_error = np.abs(denominator), filtered.dot(np.abs(direction), sizes)
+    denominator_error *= filtered.DENOMINATOR_BOUND
+    room = size - denominator_error
+    lengths = np.abs(residual, out=residual)
+    underflow = filtered.UNDERFLOW * (1 + (sizes + lengths).sum(axis=0))
+    share = np.abs(correction, out=correction)
+    size *= 4 * UNIT_ROUNDOFF
+    share *= np.add(denominator_error, size, out=size)
+    lengths *= gamma(10)
+    lengths += np.multiply(_HALVES_BOUND, np.abs(start, out=start), out=start)
+    error = filtered.dot(sizes, lengths)
+    error += underflow
+    error += share
+    error /= room
+    error = np.add(_half_ulp(refined), error, out=error)
+    error *= 1 + 16 * UNIT_ROUNDOFF
+    unusable = np.flatnonzero(~((denominator_error > filtered.SMALLEST_PERMANENT) & (room > 0)))
+    error[unusable] = np.inf
+    return refined, error
+
+
+def _find_residual(start: Floats, rest: Floats, direction: Floats, t: Floats) -> Floats:
+    """w = (s - t g) + (e - t h) of a start s + e and a direction split into g + h, as `correct_distance` needs it."""
+    upper, lower = dd.split(direction)
+    upper *= t
+    lower *= t
+    np.subtract(start, upper, out=upper)
+    upper += np.subtract(rest, lower, out=lower)
+    return upper
 
 
 def divide_determinants(origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:

@@ -12,8 +12,9 @@ import pytest
 import raytracer
 from raytracer.casting.bvh import hierarchy, tree
 from raytracer.casting.geometry import pack_geometry
+from raytracer.casting.measure import TURNS, gather_lines
 from raytracer.casting.primitives import instance_bounds
-from raytracer.casting.query import TURNS, Search
+from raytracer.casting.query import Search
 from raytracer.casting.rays import make_rays
 from raytracer.predicates import filtered, refine
 from tests import meshes
@@ -180,7 +181,7 @@ def test_one_edge_bound_per_ray_holds_for_every_triangle(rng, monkeypatch, axes,
     corners = exact_oracle.pack_scene(scene).corners
     search = Search(caster.primitives, make_rays(rng.normal(size=(30, 3)) * 1e-3, rng.normal(size=(30, 3))), False)
     for ray, axis in enumerate(search.axis):
-        line = search._gather_lines(np.array([ray]), axis)
+        line = gather_lines(search.primitives, search.rays, np.array([ray]), axis)
         relative = corners[:, :, TURNS[axis]] - line[:3, 0]
         a, b = relative[:, 0].T, relative[:, 1].T
         bound = filtered.edge_error(a, b, line[6:])
