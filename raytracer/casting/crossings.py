@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats, Indices
-from raytracer.casting.geometry import Ids
+from raytracer.casting.geometry import Ids, Kind
 from raytracer.casting.primitives import Primitives, gather_corners
 from raytracer.casting.query import Candidates, Search
 from raytracer.casting.rays import Rays
@@ -30,7 +30,7 @@ class CrossingSearch(Search):
         self.count = np.zeros(len(rays), np.int32)
 
     def offer(self, ray: Indices, primitive_id: Ids) -> Indices:
-        triangle = primitive_id < self.primitives.geometry.sphere_id
+        triangle = self.primitives.geometry.is_kind(primitive_id, Kind.TRIANGLE)
         return super().offer(ray[triangle], primitive_id[triangle])
 
     def _weigh(

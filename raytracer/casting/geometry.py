@@ -11,14 +11,28 @@ The true triangle of an instance is the float64 triangle that `world_corners` re
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Floats, Integers
+from raytracer.arrays.types import Booleans, Floats, Integers
 from raytracer.scene.scene import Scene
 
 Ids = NDArray[np.int64]
+
+
+class Kind(IntEnum):
+    """Kinds of primitives, in the order of their ids.
+
+    A new kind is one more member, what `Geometry.kind_owners` says of it, and its own arrays there.
+    """
+
+    TRIANGLE = 0
+    SPHERE = 1
+
+
 Corners = tuple[Floats, Floats, Floats]
 
 
@@ -46,9 +60,40 @@ class Geometry:
     first_id: Ids
 
     @property
+    def kind_owners(self) -> tuple[int, ...]:
+        """The first instance or group of each kind of primitive, and the end."""
+        return 0, len(self.instance_mesh), len(self.first_id) - 1
+
+    def kind_range(self, kind: Kind) -> tuple[int, int]:
+        """Return the first primitive id of a kind, and the one behind its last."""
+        owners = self.kind_owners
+        return int(self.first_id[owners[kind]]), int(self.first_id[owners[kind + 1]])
+
+    @property
     def sphere_id(self) -> int:
-        """The primitive id of the first sphere; lower ids are triangles."""
-        return int(self.first_id[len(self.instance_mesh)])
+        """The primitive id of the first sphere."""
+        return self.kind_range(Kind.SPHERE)[0]
+
+    def is_kind(self, primitive_id: Ids, kind: Kind) -> Booleans:
+        """(n,) True for primitive ids of a kind."""
+        return _lies_within(primitive_id, self.kind_range(kind), kind)
+
+    def belongs_to_kind(self, instance: Integers, kind: Kind) -> Booleans:
+        """(n,) True for instances, or groups, of a kind's primitives."""
+        return _lies_within(instance, self.kind_owners[kind : kind + 2], kind)
+
+    def find_rows(self, primitive_id: Ids, kind: Kind) -> Ids:
+        """Return the (n,) rows of primitives among all of their kind."""
+        return primitive_id - self.kind_range(kind)[0]
+
+
+def _lies_within(numbers: NDArray[Any], ends: tuple[int, ...], kind: Kind) -> Booleans:
+    """(n,) True for numbers between two ends; the first and the last kind have only one neighbor."""
+    above = numbers >= ends[0] if kind > min(Kind) else None
+    below = numbers < ends[1] if kind < max(Kind) else None
+    if above is None:
+        return np.ones(np.shape(numbers), np.bool_) if below is None else below
+    return above if below is None else above & below
 
 
 def _stack(arrays: list[NDArray], shape: tuple[int, ...], dtype: type) -> NDArray:

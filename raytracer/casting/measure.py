@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
-from raytracer.casting.geometry import Ids, split_id
+from raytracer.casting.geometry import Ids, Kind, split_id
 from raytracer.casting.primitives import Primitives, gather_corners, gather_spheres
 from raytracer.casting.rays import Hits, Rays
 from raytracer.predicates import filtered, refine
@@ -87,7 +87,7 @@ def gather_turned(primitives: Primitives, primitive_id: Ids, axis: int) -> NDArr
 
 def _measure_turned(hits: Hits, primitives: Primitives, rays: Rays, axis: int, chosen: Chosen) -> None:
     """Measure hits of rays of one main axis."""
-    sphere = chosen.primitive_id >= primitives.geometry.sphere_id
+    sphere = primitives.geometry.is_kind(chosen.primitive_id, Kind.SPHERE)
     if sphere.any():
         _measure_spheres(hits, primitives, rays, axis, chosen.select(sphere))
         chosen = chosen.select(~sphere)
@@ -156,7 +156,7 @@ def _weigh_corners(relative: NDArray, slope: NDArray) -> NDArray:
 def _narrow_bounds(hits: Hits, primitives: Primitives, rays: Rays, chosen: Chosen) -> None:
     """Measure triangles whose distance has a wide bound once more, in pairs."""
     wide = refine.is_wide(hits.distance.take(chosen.ray), hits.distance_error.take(chosen.ray))
-    index = np.flatnonzero(wide & (chosen.primitive_id < primitives.geometry.sphere_id))
+    index = np.flatnonzero(wide & primitives.geometry.is_kind(chosen.primitive_id, Kind.TRIANGLE))
     for start in range(0, len(index), MEASURE_BLOCK):
         some = index[start : start + MEASURE_BLOCK]
         ray = chosen.ray.take(some)

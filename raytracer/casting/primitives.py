@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
-from raytracer.casting.geometry import Geometry, Ids, instance_corners, split_id, world_corners
+from raytracer.casting.geometry import Geometry, Ids, Kind, instance_corners, split_id, world_corners
 from raytracer.predicates.rounding import gamma
 
 
@@ -129,6 +129,6 @@ def _gather_rows(primitives: Primitives, primitive_id: Ids) -> NDArray:
 
 def gather_spheres(primitives: Primitives, primitive_id: Ids) -> tuple[NDArray, NDArray]:
     """Return the (3, k) centres and (k,) radii of sphere ids."""
-    row = primitive_id - primitives.geometry.sphere_id
+    row = primitives.geometry.find_rows(primitive_id, Kind.SPHERE)
     centre = np.ascontiguousarray(primitives.geometry.centres[row].T, dtype=primitives.dtype)
     return centre, primitives.geometry.radii[row].astype(primitives.dtype)

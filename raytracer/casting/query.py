@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.casting.edges import judge_edges, name_axis_planes, name_meeting_points
-from raytracer.casting.geometry import Ids
+from raytracer.casting.geometry import Ids, Kind
 from raytracer.casting.measure import TURNS, Chosen, gather_lines, gather_turned, measure_hits
 from raytracer.casting.primitives import Primitives, gather_corners, gather_spheres
 from raytracer.casting.rays import Hits, Rays
@@ -129,7 +129,7 @@ class Search:
     def _offer_turned(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
         if not len(self.primitives.geometry.radii):
             return self._offer_triangles(ray, primitive_id, axis)
-        sphere = primitive_id >= self.primitives.geometry.sphere_id
+        sphere = self.primitives.geometry.is_kind(primitive_id, Kind.SPHERE)
         triangles = self._offer_triangles(ray[~sphere], primitive_id[~sphere], axis)
         return np.concatenate([triangles, self._offer_spheres(ray[sphere], primitive_id[sphere], axis)])
 
@@ -287,7 +287,7 @@ class Search:
     def _name_places(self, candidates: Candidates) -> tuple[Floats, Floats]:
         """`edges.name_meeting_points` (6, k) and `edges.name_axis_planes` (2, k) of candidates; NaN for spheres."""
         points, planes = np.full((6, len(candidates.ray)), np.nan), np.full((2, len(candidates.ray)), np.nan)
-        triangle = np.flatnonzero(candidates.primitive_id < self.primitives.geometry.sphere_id)
+        triangle = np.flatnonzero(self.primitives.geometry.is_kind(candidates.primitive_id, Kind.TRIANGLE))
         ray, primitive_id = candidates.ray[triangle], candidates.primitive_id[triangle]
         for axis, part in self._by_axis(ray):
             corners = gather_turned(self.primitives, primitive_id[part], axis)
@@ -301,7 +301,7 @@ class Search:
         """Settle one ray's candidates in integers."""
         self.exact_count += 1
         ray, primitive_id = left.ray[start], left.primitive_id[start:stop]
-        triangle = primitive_id < self.primitives.geometry.sphere_id
+        triangle = self.primitives.geometry.is_kind(primitive_id, Kind.TRIANGLE)
         corners = gather_corners(self.primitives, primitive_id[triangle]).T.reshape(-1, 3, 3)
         centre, radius = gather_spheres(self.primitives, primitive_id[~triangle])
         return exact.closest_candidate(

@@ -23,7 +23,7 @@ from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.fresnel import refract
 from raytracer.bsdfs.microfacet import evaluate_fresnel
 from raytracer.casting.caster import Caster
-from raytracer.casting.geometry import world_corners
+from raytracer.casting.geometry import Kind, join_id, world_corners
 from raytracer.casting.ray_visibility import classify_shadows
 from raytracer.casting.rays import Hits, Rays, make_rays
 from raytracer.film.camera import primary_rays
@@ -189,14 +189,14 @@ def describe_hit(caster: Caster, rays: Rays, hits: Hits, surface: Surface, shadi
     """Return the record of the hit of one ray."""
     geometry, weights, region = caster.geometry, None, Region.INSIDE
     origin, direction = rays.origins[0], rays.directions[0]
-    if hits.instance[0] < len(geometry.instance_mesh):
+    if geometry.belongs_to_kind(hits.instance, Kind.TRIANGLE)[0]:
         a, b, c = (corner[0] for corner in world_corners(geometry, hits.instance, hits.primitive))
         beta, gamma = hits.barycentric[0]
         weights = np.array([1.0 - beta - gamma, beta, gamma])
         region = Region(int(classify_barycentric(weights, measure_tolerance(surface, a, b, c))))
         lecture_distance = float(intersect_triangle(origin, direction, a, b, c).t)
     else:
-        number = geometry.first_id[hits.instance[0]] + hits.primitive[0] - geometry.sphere_id
+        number = geometry.find_rows(join_id(geometry, hits.instance, hits.primitive), Kind.SPHERE)[0]
         roots = intersect_sphere(origin, direction, geometry.centres[number], geometry.radii[number])
         ahead = roots[roots >= rays.t_min[0]]
         lecture_distance = float(ahead[0]) if len(ahead) else np.nan

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from raytracer.arrays.rows import any_column, mean_column, take_rows
 from raytracer.arrays.types import Floats, Integers
 from raytracer.arrays.vectors import normalize
-from raytracer.casting.geometry import world_corners
+from raytracer.casting.geometry import Kind, join_id, world_corners
 from raytracer.casting.rays import Hits, Rays
 from raytracer.lecture import cross, dot, length
 from raytracer.lights.light_shapes import (
@@ -80,7 +80,7 @@ class Emitters:
     @property
     def has_spheres(self) -> bool:
         """True where some of the primitives are spheres."""
-        return bool((self.instance >= self.tables.instance_count).any())
+        return bool(self.tables.geometry.belongs_to_kind(self.instance, Kind.SPHERE).any())
 
 
 def make_emitters(
@@ -198,13 +198,13 @@ def _materials(tables: SurfaceTables, instance: Integers, primitive: Integers) -
 
 
 def _spheres(tables: SurfaceTables, instance: Integers, primitive: Integers) -> NDArray[np.int64]:
-    return tables.geometry.first_id[instance] + primitive - tables.geometry.sphere_id
+    return tables.geometry.find_rows(join_id(tables.geometry, instance, primitive), Kind.SPHERE)
 
 
 def _gather_corners(tables: SurfaceTables, instance: Integers, primitive: Integers) -> Floats:
     """Return the world corners (k, 3 corners, 3) of triangles, 0 for spheres."""
     corners = np.zeros((len(instance), 3, 3))
-    flat = instance < tables.instance_count
+    flat = tables.geometry.belongs_to_kind(instance, Kind.TRIANGLE)
     corners[flat] = np.stack(world_corners(tables.geometry, instance[flat], primitive[flat]), axis=1)
     return corners
 
@@ -213,7 +213,7 @@ def _areas(tables: SurfaceTables, instance: Integers, primitive: Integers, corne
     """Return the area of each primitive: |(b - a) x (c - a)| / 2, or 4 pi r^2."""
     a, b, c = (corners[:, k] for k in range(3))
     areas = length(cross(b - a, c - a)) / 2.0
-    flat = instance < tables.instance_count
+    flat = tables.geometry.belongs_to_kind(instance, Kind.TRIANGLE)
     areas[~flat] = 4.0 * np.pi * tables.geometry.radii[_spheres(tables, instance[~flat], primitive[~flat])] ** 2
     return areas
 
@@ -232,13 +232,13 @@ def sample_picked(emitters: Emitters, surface: Surface, picked: NDArray[np.intp]
 
 def _aim_at_picked(emitters: Emitters, surface: Surface, picked: NDArray[np.intp], pair: Floats) -> LightSamples:
     """Sample directions to emitters `picked` (n,) as if those that vary had radiance 1."""
-    spheres = np.flatnonzero(emitters.instance[picked] >= emitters.tables.instance_count)
+    spheres = np.flatnonzero(emitters.tables.geometry.belongs_to_kind(emitters.instance[picked], Kind.SPHERE))
     if not len(spheres):
         return sample_placed(place_on_triangles(emitters, picked, pair), surface)
     samples = LightSamples(
         *(np.zeros(shape) for shape in ((len(picked), 3), len(picked), (len(picked), 3), len(picked)))
     )
-    flat = np.flatnonzero(emitters.instance[picked] < emitters.tables.instance_count)
+    flat = np.flatnonzero(emitters.tables.geometry.belongs_to_kind(emitters.instance[picked], Kind.TRIANGLE))
     for rows, part in (
         (flat, sample_placed(place_on_triangles(emitters, picked[flat], pair[flat]), surface.select(flat))),
         (spheres, _aim_at_spheres(emitters, surface.select(spheres), picked[spheres], pair[spheres])),
@@ -335,14 +335,14 @@ def emitter_density(
     share_per_area = emitters.power_density[_materials(tables, instance, primitive)]
     density = np.zeros(len(instance))
     shines = share_per_area > 0
-    flat = np.flatnonzero(shines & (instance < tables.instance_count))
+    flat = np.flatnonzero(shines & tables.geometry.belongs_to_kind(instance, Kind.TRIANGLE))
     if len(flat):
         a, b, c = world_corners(tables.geometry, instance[flat], primitive[flat])
         normal = normalize(cross(b - a, c - a))
         slope = dot(directions[flat], normal)
         distance = np.divide(dot(a - origins[flat], normal), slope, out=np.zeros(len(flat)), where=slope != 0)
         density[flat] = np.divide(distance**2, np.abs(slope), out=np.zeros(len(flat)), where=slope != 0)
-    round_ = np.flatnonzero(shines & (instance >= tables.instance_count))
+    round_ = np.flatnonzero(shines & tables.geometry.belongs_to_kind(instance, Kind.SPHERE))
     if len(round_):
         sphere = _spheres(tables, instance[round_], primitive[round_])
         offset, radii = tables.geometry.centres[sphere] - origins[round_], tables.geometry.radii[sphere]

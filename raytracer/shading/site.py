@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize, transform
-from raytracer.casting.geometry import transform_points, world_corners
+from raytracer.casting.geometry import Kind, transform_points, world_corners
 from raytracer.film.camera import find_on_film
 from raytracer.lecture import cross, dot
 from raytracer.shading.occlusion import Probe
@@ -93,7 +93,7 @@ class Site:
 
     @property
     def is_triangle(self) -> Booleans:
-        return self.surface.instance < self.tables.surface.instance_count
+        return self.tables.surface.geometry.belongs_to_kind(self.surface.instance, Kind.TRIANGLE)
 
     @property
     def is_smooth(self) -> Booleans:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from raytracer.arrays.rows import any_column
 from raytracer.arrays.types import Booleans, Floats, Integers
 from raytracer.arrays.vectors import normalize
-from raytracer.casting.geometry import join_id
+from raytracer.casting.geometry import Kind, join_id
 from raytracer.casting.rays import Hits, Rays, _select_rows
 from raytracer.lecture import dot, length, point_on_line
 from raytracer.surfaces.surface_tables import (
@@ -46,7 +46,7 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
     Surface of n points. Its geometric normal is the object's normal, turned by the inverse transpose of the instance's
     matrix as in Blender, so that mirroring an instance does not turn its front to its back.
     """
-    is_triangle = hits.instance < tables.instance_count
+    is_triangle = tables.geometry.belongs_to_kind(hits.instance, Kind.TRIANGLE)
     if is_triangle.all():
         position, error, normal, shading = _triangle_surface(tables, hits)
     else:
@@ -111,7 +111,7 @@ def _sphere_points(
     n is a unit vector to within gamma(5), the product and the sum round once each: gamma(7) of r, and of |c| as well.
     """
     geometry = tables.geometry
-    sphere = geometry.first_id[hits.instance[rows]] + hits.primitive[rows] - geometry.sphere_id
+    sphere = geometry.find_rows(join_id(geometry, hits.instance[rows], hits.primitive[rows]), Kind.SPHERE)
     centre, radius = geometry.centres[sphere], geometry.radii[sphere]
     normal = normalize(at - centre)
     position = centre + radius[:, np.newaxis] * normal
