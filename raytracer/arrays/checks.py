@@ -79,5 +79,6 @@ def require_range(array: NDArray[Any], low: float, high: float, field: str) -> N
 
 def require_choice(value: str, choices: Sequence[str], field: str) -> None:
     """Raise ValueError unless `value` is one of `choices`."""
-    if value not in choices:
-        raise ValueError(f"{field}: expected one of {', '.join(choices)}, got {value!r}")
+    if not isinstance(value, str) or value not in choices:
+        got = repr(value) if isinstance(value, str) else type(value).__name__
+        raise ValueError(f"{field}: expected one of {', '.join(choices)}, got {got}")

@@ -103,7 +103,7 @@ def check_program_steps(program: Program | None, label: str) -> None:
     while waiting:
         program = waiting.pop()
         for number, step in enumerate(program.steps):
-            check_step(step, program, f"{label}: step {number} ({step.operation})")
+            check_step(step, program, f"{label}: step {number} ({step.operation!r})")
             waiting.extend(value for value in step.settings.values() if isinstance(value, Program))
         check_output(program.result, program, f"{label}: result")
 
