@@ -4,6 +4,8 @@
 #   make render      render blend_scenes/still_life.blend to build/still_life.png (SIZE=960x640 SAMPLES=64 for more)
 #   make test        the tests of the quick tier;  make test-all: the slow ones too
 #   make check       formatting, lint and types
+#   make test-windows     the ray tracer's tests, all scenes and the command line on Windows' rules, under Wine
+#   make test-processors  all scenes, and the certified tests, as other processors compute them
 #   make report      speed against error beside other ray casters: tests/report, tables and plots (some minutes)
 #   make extension   dist/reference_raytracer-VERSION.zip, to install in Blender
 #
@@ -12,7 +14,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
-.PHONY: setup render test test-all check report extension clean
+.PHONY: setup render test test-all test-windows test-processors check report extension clean
 
 PYTHON ?=
 SCENE := blend_scenes/still_life.blend
@@ -43,6 +45,12 @@ test: $(READY)
 
 test-all: $(READY)
 	@$(BIN)/python -m pytest $(SHARED_OUT) tests
+
+test-windows: $(READY)
+	@.ci/test_windows
+
+test-processors: $(READY)
+	@.ci/test_processors
 
 check: $(READY)
 	@$(BIN)/ruff format --check .

@@ -1,9 +1,11 @@
 """Hashes of hits and pictures, to compare machines: `python -m tests.digest.digest FOLDER [--write] [NAME ...]`.
 
 FOLDER is what `tests.digest.export` wrote. For each scene there are two hashes: of its hits, which are the same on
-every machine, and of its picture, which is wherever exp, log, pow and BLAS round alike (README, *The same bits*).
+every machine, and of its picture, which is the same wherever exp, log and pow round alike (README, *The same bits*).
 They are compared with those of `hashes.json`; the exit code is 1 if one differs. --write keeps them there instead,
-after a change that is meant to change pictures. Needs neither Blender nor pytest.
+after a change that is meant to change pictures.
+
+Needs neither Blender nor pytest.
 """
 
 from __future__ import annotations
