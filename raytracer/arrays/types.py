@@ -6,6 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+# The same by shape, where a record or a public function says what it takes: (n,), (n, 2), (n, 3), and linear RGB (n, 3).
+Numbers = NDArray[np.float64]
+Pairs = NDArray[np.float64]
+Vectors = NDArray[np.float64]
+Colors = NDArray[np.float64]
 Integers = NDArray[np.int32]
 Booleans = NDArray[np.bool_]
 # Rows of arrays, as NumPy's own functions return them.

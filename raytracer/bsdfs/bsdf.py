@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import any_column, mean_column, sum_columns, take_rows
-from raytracer.arrays.types import Booleans, Floats, Kinds
+from raytracer.arrays.types import Booleans, Colors, Floats, Kinds, Numbers, Vectors
 from raytracer.arrays.vectors import to_world
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
 from raytracer.bsdfs.closures import Shading, TiltedDiffuse
@@ -39,9 +39,9 @@ class BsdfSample:
     kind : (n,) uint8, of the bounce (`bounce_kinds`); STRAIGHT where the ray goes straight through the surface
     """
 
-    direction: Floats
-    weight: Floats
-    density: Floats
+    direction: Vectors
+    weight: Colors
+    density: Numbers
     kind: Kinds
 
     @property

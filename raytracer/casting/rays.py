@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from raytracer.arrays.checks import as_array
 from raytracer.arrays.rows import take_rows
-from raytracer.arrays.types import Booleans, Floats, Integers
+from raytracer.arrays.types import Booleans, Floats, Integers, Numbers, Pairs, Vectors
 
 Record = TypeVar("Record")
 
@@ -35,10 +35,10 @@ class Rays:
     t_min, t_max : (n,) float64; a t_min below 0 counts as 0
     """
 
-    origins: Floats
-    directions: Floats
-    t_min: Floats
-    t_max: Floats
+    origins: Vectors
+    directions: Vectors
+    t_min: Numbers
+    t_max: Numbers
 
     def __len__(self) -> int:
         return len(self.origins)
@@ -110,11 +110,11 @@ class Hits:
     valid : (n,) bool, False for NaN, infinite or zero-direction rays, which miss
     """
 
-    distance: Floats
-    distance_error: Floats
+    distance: Numbers
+    distance_error: Numbers
     instance: Integers
     primitive: Integers
-    barycentric: Floats
+    barycentric: Pairs
     valid: Booleans
 
     def __len__(self) -> int:

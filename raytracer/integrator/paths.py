@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import take_rows
-from raytracer.arrays.types import Booleans, Counts, Floats, Kinds
+from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Kinds, Numbers, Vectors
 from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
@@ -41,16 +41,16 @@ class Paths:
 
     row: NDArray[np.int64]
     rays: Rays
-    throughput: Floats
+    throughput: Colors
     kind: Kinds
     bounces: Counts
     passages: NDArray[np.int32]
-    scatter_origin: Floats
-    scatter_normal: Floats
-    density: Floats
-    rarest: Floats
+    scatter_origin: Vectors
+    scatter_normal: Vectors
+    density: Numbers
+    rarest: Numbers
     scatterer: NDArray[np.int32]
-    travelled: Floats
+    travelled: Numbers
 
     def __len__(self) -> int:
         return len(self.row)

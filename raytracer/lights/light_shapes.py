@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from raytracer.arrays.rows import any_column
-from raytracer.arrays.types import Booleans, Floats
+from raytracer.arrays.types import Booleans, Colors, Floats, Numbers, Vectors
 from raytracer.arrays.vectors import normalize, to_world
 from raytracer.lecture import dot, intersect_sphere
 
@@ -38,12 +38,12 @@ class LightSamples:
     reach : (n,) float64, how far a shadow ray has to go, in units of the way to `target`; None without one
     """
 
-    direction: Floats
-    distance: Floats
-    weight: Floats
-    density: Floats
-    target: Floats | None = None
-    reach: Floats | None = None
+    direction: Vectors
+    distance: Numbers
+    weight: Colors
+    density: Numbers
+    target: Vectors | None = None
+    reach: Numbers | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

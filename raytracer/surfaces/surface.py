@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import any_column
-from raytracer.arrays.types import Booleans, Floats, Integers
+from raytracer.arrays.types import Booleans, Floats, Integers, Numbers, Pairs, Vectors
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import Kind, join_id
 from raytracer.casting.rays import Hits, Rays, _select_rows
@@ -186,17 +186,17 @@ class Surface:
     barycentric : (n, 2) float64, as in Hits, or None where nothing reads it
     """
 
-    position: Floats
-    position_error: Floats
-    geometric_normal: Floats
-    shading_normal: Floats
-    outgoing: Floats
+    position: Vectors
+    position_error: Numbers
+    geometric_normal: Vectors
+    shading_normal: Vectors
+    outgoing: Vectors
     front: Booleans
     material: Integers
     instance: Integers
     primitive: Integers
-    uv: Floats | None = None
-    barycentric: Floats | None = None
+    uv: Pairs | None = None
+    barycentric: Pairs | None = None
 
     def __len__(self) -> int:
         return len(self.position)
