@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-# The same by shape, where a record or a public function says what it takes: (n,), (n, 2), (n, 3), and linear RGB (n, 3).
+# The same by shape, where a record says what it holds: (n,), (n, 2), (n, 3), and linear RGB (n, 3).
 Numbers = NDArray[np.float64]
 Pairs = NDArray[np.float64]
 Vectors = NDArray[np.float64]
