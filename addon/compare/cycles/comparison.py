@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.film.passes import PASSES
+
 from ...properties import BOUNCE_LIMITS
 from ..picture import save_png, show_heat, show_linear
 from ..verdicts import UNDECIDED
@@ -25,7 +27,7 @@ from .sequential import LOOK_SIGNIFICANCE, LOOKS, join_renderings, plan_batches
 
 # Passes that hold one value per surface point, and those that hold one whole number.
 POINT_PASSES = ("Depth", "Position", "Normal", "UV", "Diffuse Color", "Emission")
-INDEX_PASSES = ("Object Index", "Material Index")
+INDEX_PASSES = tuple(name for name, kind in PASSES.items() if kind.is_index)
 # The narrowest filter that both engines know, pixels.
 CENTRE_WIDTH = 0.01
 CENTRE_BATCHES = 8
