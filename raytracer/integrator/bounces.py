@@ -1,7 +1,7 @@
 """Bounces: of which kinds they are, how many of each a path may take, and which paths are cut short by chance.
 
 A bounce is reflection or transmission, and diffuse, glossy or singular (by a perfect mirror or clear glass); what
-passes straight through a transparent surface is none. A path that has used up its bounces still sees what shines at its
+passes straight through a transparent surface is none. A path that has used up its bounces still sees emission at its
 end, for light sampling leaves it a share of that.
 
 References
@@ -25,7 +25,7 @@ CERTAIN_BOUNCES = 1
 
 
 def find_ended(counts: Counts, settings: Settings) -> Booleans:
-    """Return (n,) True for paths that have taken one bounce more than any limit allows: they only see what shines."""
+    """Return (n,) True for paths that have taken one bounce more than any limit allows: they only see emission."""
     ended: Booleans = sum_columns(counts) > settings.max_bounces
     for column, name in enumerate(COUNTED):
         ended |= counts[:, column] > getattr(settings, f"{name}_bounces")

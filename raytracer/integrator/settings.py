@@ -31,7 +31,7 @@ class Settings:
     max_bounces : reflections and transmissions that a ray may go through; straight passages do not count
     diffuse_bounces, glossy_bounces, transmission_bounces : how many of them may be diffuse reflections, other
         reflections, and transmissions; None takes max_bounces
-    transparent_bounces : straight passages of a ray, after the last of which it only sees what shines (0 as 1, as in
+    transparent_bounces : straight passages of a ray, after the last of which it only sees emission (0 as 1, as in
         Cycles)
     shadow_passages : the most straight passages of a ray together with a shadow ray from it; None takes
         transparent_bounces

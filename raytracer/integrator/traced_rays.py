@@ -53,7 +53,7 @@ class Shadow:
     share : (3,) the share of that which arrives
     blocker, primitive : instance and primitive of what stops the light; -1 = nothing stops all of it
     end : t at which the ray ends, at the blocker or the light
-    target : instance that shines, of EMITTERS; else -1
+    target : emissive instance, of EMITTERS; else -1
     """
 
     source: int | str
@@ -81,7 +81,7 @@ class TracedRay:
     parent : number of the ray that it comes from; -1 for the camera's
     origin, direction : o + t d; t of the camera's ray is the depth, all other directions are unit vectors
     weight : (3,) what its color counts in its parent's
-    color : (3,) radiance that comes back along it: what shines at its end, `shadows`, and its children
+    color : (3,) radiance that comes back along it: emission at its end, `shadows`, and its children
     hit : None where it hits nothing
     dark : numbers of the lights that are on, but of which its surface would send nothing back along it
     is_cut : True where rays on from it were left out

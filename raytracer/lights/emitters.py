@@ -1,4 +1,4 @@
-"""Geometry that shines: emissive triangles and spheres as one light, picked in proportion to their power.
+"""Emissive geometry: triangles and spheres as one light, picked in proportion to their power.
 
 A triangle of area A, picked with probability p, is sampled evenly on its area; density A^-1 there is t^2 / (A cos) in
 solid angle. A sphere is sampled evenly over the cone in which it is seen. Both sides of a surface shine.

@@ -13,7 +13,7 @@ from raytracer.arrays.checks import as_array, require_finite, require_range
 # The classes of rays that may see an object or a light, as bits; shadow rays look for light from a surface.
 SEEN_BY = {"camera": 1, "diffuse": 2, "glossy": 4, "transmission": 8, "shadow": 16}
 SEEN_BY_ALL = sum(SEEN_BY.values())
-# Each object belongs to one of so many sets; what shines lights some of them, as bits of a number.
+# Each object belongs to one of this many sets; a light or an emissive object lights some of them, bits of a number.
 SET_COUNT = 63
 ALL_SETS = 2**SET_COUNT - 1
 # What pictures, which are float32, can show; and products of a few such numbers are finite in float64.

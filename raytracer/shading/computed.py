@@ -46,7 +46,7 @@ Recipes = dict[int, Recipe]
 
 @dataclass(frozen=True, eq=False)
 class ComputedMaterials:
-    """The recipes of a scene's materials, by number: for everything, and for what shines and what passes alone."""
+    """The recipes of a scene's materials, by number: for everything, and for emission and transparency alone."""
 
     tables: SiteTables
     everything: Recipes

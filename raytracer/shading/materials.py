@@ -1,7 +1,7 @@
 """Materials at the points that rays hit: sums of Blender's shader nodes.
 
 A material is a sum of closures (`scene.materials.Closure`). At each hit every closure becomes what it is made of:
-radiance that shines, light that passes straight through, a diffuse share, and microfacet lobes (`closures`). All work
+emitted radiance, transparency, a diffuse share, and microfacet lobes (`closures`). All work
 on arrays of hits, grouped by kind of closure; parameters are arrays with one row per hit, and programs fill those that
 vary over a surface (`computed`).
 """
