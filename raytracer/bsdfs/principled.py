@@ -38,7 +38,7 @@ LARGEST_REFLECTANCE = 0.99
 
 
 def add_principled(closures: Closures, points: Points) -> list[Microfacets]:
-    """Add all layers."""
+    """Add what the layers of Principled closures are made of, from the top: sheen, coat, metal, glass, base."""
     lobes = []
     weight = np.repeat((closures.weight * closures.alpha)[:, np.newaxis], 3, axis=1)
     if closures.uses("sheen_weight"):

@@ -33,7 +33,7 @@ NO_ID = np.iinfo(np.int64).max
 class Candidates(NamedTuple):
     """k candidates with what is known of them.
 
-    t : (k,) the distance as computed; low, high : (k,) certified interval around it
+    t : (k,) the distance as computed; low : (k,) certainly no more than the exact one
     certain : (k,) bool, the primitive is hit within the ray's range beyond doubt
     """
 

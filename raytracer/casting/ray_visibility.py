@@ -17,8 +17,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from raytracer.arrays.types import Booleans, Floats, Masks
+from raytracer.casting.geometry import Geometry
+from raytracer.casting.primitives import Primitives
 from raytracer.casting.rays import Hits, Rays
 from raytracer.scene.fields import SEEN_BY
+from raytracer.scene.scene import Scene
 
 # A step past a hit is longer than this many roundings of its distance, where no bound on its error is known.
 ROUNDINGS = 8.0
@@ -29,7 +32,7 @@ Cast = Callable[[Rays, Masks], Hits]
 
 
 class RayCaster(Protocol):
-    """What finds hits, as `accelerate.Caster` does."""
+    """What finds hits: a `Caster`, one that is watched, or one of some instances only."""
 
     @property
     def roundoff(self) -> float: ...
@@ -37,6 +40,19 @@ class RayCaster(Protocol):
     def closest_hit(self, *arguments: Any, **keywords: Any) -> Hits: ...
 
     def any_hit(self, *arguments: Any, **keywords: Any) -> Booleans: ...
+
+
+class SceneCaster(RayCaster, Protocol):
+    """What finds hits in a whole scene."""
+
+    @property
+    def geometry(self) -> Geometry: ...
+
+    @property
+    def scene(self) -> Scene: ...
+
+    @property
+    def primitives(self) -> Primitives: ...
 
 
 def classify_shadows(rays: Rays) -> Masks:

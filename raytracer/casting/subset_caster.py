@@ -9,6 +9,7 @@ import numpy as np
 
 from raytracer.arrays.types import Booleans
 from raytracer.casting.caster import Caster, build
+from raytracer.casting.ray_visibility import SceneCaster
 from raytracer.casting.rays import Hits
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Instances
@@ -17,7 +18,7 @@ from raytracer.scene.shapes import Instances
 class SubsetCaster:
     """Casts into those instances and groups of spheres of `whole` that are `present` (instances + groups,) bool."""
 
-    def __init__(self, whole: Any, present: Booleans) -> None:
+    def __init__(self, whole: SceneCaster, present: Booleans) -> None:
         self._number = np.flatnonzero(present).astype(np.int32)
         self._caster: Caster = build(take_part(whole.scene, present), whole.primitives.precision)
 

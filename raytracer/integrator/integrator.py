@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans
-from raytracer.casting.caster import Caster
-from raytracer.casting.ray_visibility import Cast, RayCaster, make_cast
+from raytracer.casting.ray_visibility import Cast, RayCaster, SceneCaster, make_cast
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.passes import PASSES
 from raytracer.integrator.features import Features, derive_features
@@ -94,7 +93,7 @@ class Integrator:
 
 def prepare(
     scene: Scene,
-    caster: Caster,
+    caster: SceneCaster,
     settings: Settings,
     resolution: tuple[int, int] = DEFAULT_RESOLUTION,
     take_part: Callable[[Booleans], RayCaster] | None = None,
@@ -124,7 +123,7 @@ def prepare(
     if not catches_shadows(features, settings):
         return whole
     is_catcher = _gather_records(scene, "shadow_catcher", np.bool_)
-    part = take_part(is_catcher) if take_part else SubsetCaster(caster, is_catcher)
+    part: RayCaster = take_part(is_catcher) if take_part else SubsetCaster(caster, is_catcher)
     return replace(whole, is_catcher=is_catcher, catchers_only=compose(part, is_catcher))
 
 

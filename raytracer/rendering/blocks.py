@@ -199,8 +199,9 @@ class BlockTracer:
         """Return an integrator for the passes of one kind, or None where there are none of it."""
         names = select_passes(self._settings.passes, from_centre)
         settings = replace(self._settings, passes=names) if names else None
-        caster = cast(Caster, self._caster)
-        return prepare(scene, caster, settings, self._resolution, self._caster.take_part) if settings else None
+        if settings is None:
+            return None
+        return prepare(scene, self._caster, settings, self._resolution, self._caster.take_part)
 
     def __call__(self, block: Block) -> BlockResult:
         """Trace one block; raises CancelledError if the user did so meanwhile."""

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from raytracer.arrays.types import Booleans
-from raytracer.casting.caster import Caster
+from raytracer.casting.geometry import Geometry
+from raytracer.casting.primitives import Primitives
+from raytracer.casting.ray_visibility import RayCaster
 from raytracer.casting.rays import Hits
 from raytracer.casting.subset_caster import SubsetCaster
+from raytracer.scene.scene import Scene
 
 
 class CancelledError(Exception):
@@ -26,10 +29,9 @@ class RayCount:
 class WatchedCaster:
     """A caster that counts its rays, and raises CancelledError once `is_cancelled()`."""
 
-    def __init__(
-        self, caster: Caster | SubsetCaster, is_cancelled: Callable[[], bool], count: RayCount | None = None
-    ) -> None:
-        self._caster = caster
+    def __init__(self, caster: RayCaster, is_cancelled: Callable[[], bool], count: RayCount | None = None) -> None:
+        # A whole scene's caster, or the caster of a part, of which nobody asks for the geometry.
+        self._caster: Any = caster
         self._is_cancelled = is_cancelled
         self._count = count or RayCount()
 
@@ -42,15 +44,32 @@ class WatchedCaster:
         """Return a SubsetCaster that is watched and counted together with this one."""
         return WatchedCaster(SubsetCaster(self._caster, present), self._is_cancelled, self._count)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._caster, name)
+    @property
+    def geometry(self) -> Geometry:
+        """That of the caster."""
+        return self._caster.geometry
+
+    @property
+    def roundoff(self) -> float:
+        """That of the caster."""
+        return self._caster.roundoff
+
+    @property
+    def scene(self) -> Scene:
+        """That of the caster."""
+        return self._caster.scene
+
+    @property
+    def primitives(self) -> Primitives:
+        """Those of the caster."""
+        return self._caster.primitives
 
     def closest_hit(self, *arguments: Any, **keywords: Any) -> Hits:
-        """Watch and pass on."""
+        """As `Caster.closest_hit`; raises CancelledError."""
         return self._watch(self._caster.closest_hit, arguments, keywords)
 
     def any_hit(self, *arguments: Any, **keywords: Any) -> Booleans:
-        """Watch and pass on."""
+        """As `Caster.any_hit`; raises CancelledError."""
         return self._watch(self._caster.any_hit, arguments, keywords)
 
     def _watch(self, method: Callable[..., Any], arguments: Any, keywords: Any) -> Any:

@@ -150,7 +150,7 @@ class RAYTRACER_OT_cancel_compare(bpy.types.Operator):
         return _running is not None
 
     def execute(self, context: Any) -> set[str]:
-        """Stop."""
+        """End the process of the comparison."""
         stop()
         return {"FINISHED"}
 
@@ -167,7 +167,7 @@ class RAYTRACER_OT_show_difference(bpy.types.Operator):
         return IMAGE_NAME in bpy.data.images
 
     def execute(self, context: Any) -> set[str]:
-        """Show."""
+        """Open the image of differences in an editor."""
         image = bpy.data.images[IMAGE_NAME]
         if not open_image(context, image):
             bpy.ops.wm.window_new()
@@ -189,7 +189,7 @@ class RAYTRACER_OT_judge_ray(bpy.types.Operator):
         return find_chosen(context) is not None
 
     def execute(self, context: Any) -> set[str]:
-        """Judge."""
+        """Let exact arithmetic judge the chosen ray."""
         ray = find_chosen(context)
         assert ray is not None
         session.judge(context, ray.origin, ray.direction)
