@@ -72,11 +72,12 @@ def _gather_vertices(geometry: Geometry, dtype: np.dtype) -> tuple[Floats, Integ
 
 def place_on_curve(points: Floats, triangles: Integers) -> NDArray[np.int64]:
     """(t,) places of the triangles' middles on Morton's curve."""
-    a, b, c = (points.take(triangles[:, corner], axis=0) for corner in range(3))
+    # An eighth of each corner, so that no sum and no difference of the largest numbers overflows.
+    a, b, c = (points.take(triangles[:, corner], axis=0) / 8.0 for corner in range(3))
     middle = a + b + c
     low = middle.min(axis=0, initial=np.inf)
-    size = max(float((middle.max(axis=0, initial=-np.inf) - low).max(initial=0.0)), np.finfo(np.float64).tiny)
-    cells = ((middle - low) * ((2**CURVE_BITS - 1) / size)).astype(np.int64)
+    size = float((middle.max(axis=0, initial=-np.inf) - low).max(initial=0.0))
+    cells = ((middle - low) / (size or 1.0) * (2**CURVE_BITS - 1)).astype(np.int64)
     return _spread_bits(cells[:, 0]) | _spread_bits(cells[:, 1]) << 1 | _spread_bits(cells[:, 2]) << 2
 
 

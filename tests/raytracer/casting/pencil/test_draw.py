@@ -8,7 +8,7 @@ import pytest
 import raytracer
 from raytracer.casting.brute_force import offer_all
 from raytracer.casting.pencil.cluster_culling import are_hidden, cull_clusters, project_vertices
-from raytracer.casting.pencil.clusters import CLUSTER, make_clusters
+from raytracer.casting.pencil.clusters import CLUSTER, make_clusters, place_on_curve
 from raytracer.casting.pencil.grids import RANGE_SLACK, PixelGrid, limit_nearness
 from raytracer.casting.pencil.jittered_grid import JitteredGrid
 from raytracer.casting.pencil.packet_grid import SIDE, PacketGrid
@@ -271,3 +271,14 @@ def test_boxes_are_hidden_where_all_tiles_are_nearer(rng):
     # A pyramid may look at more tiles than a box meets, never at fewer.
     assert not (hidden & (box[4] >= least)).any()
     assert hidden.sum() > 0.5 * (box[4] < least).sum() > 50
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e300, 5e-324])
+def test_places_on_the_curve_are_numbers_whatever_the_size(scale):
+    """One triangle has one middle; the largest numbers must not overflow, the smallest must not be divided by."""
+    one = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0)]) * scale
+    assert place_on_curve(one, np.array([(0, 1, 2)])).tolist() == [0]
+    two = np.concatenate([-one, one])
+    places = place_on_curve(two, np.array([(0, 1, 2), (3, 4, 5)]))
+    assert (places >= 0).all()
+    assert places[0] <= places[1]
