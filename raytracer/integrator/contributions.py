@@ -69,8 +69,8 @@ def add_visible_light(integrator: Integrator, light: Light, passes: PathPasses, 
     paths = paths.select(rows)
     unit = length(paths.rays.directions)
     seen = evaluate_light(light, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
-    reach = paths.travelled + hits.distance[rows] * unit
-    passed = (seen.density > 0) & (paths.travelled <= seen.distance) & (seen.distance <= reach)
+    begun = (paths.travelled < seen.distance) | (paths.travelled == 0)
+    passed = (seen.density > 0) & begun & (seen.distance <= hits.distance[rows] * unit)
     if integrator.links is not None:
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
     share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
@@ -97,7 +97,7 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     rows = direct[~passes.found[paths.row[direct]]]
     row = paths.row[rows]
     stretch = wave.hits.distance[rows] * length(paths.rays.directions[rows])
-    passes.set("Depth", row, (paths.travelled[rows] + stretch) / passes.depth_unit[row])
+    passes.set("Depth", row, stretch / passes.depth_unit[row])
     passes.set("Position", row, surface.position[rows])
     passes.set("Object Index", row, integrator.pass_index[surface.instance[rows]])
     passes.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
@@ -155,12 +155,12 @@ def describe_path(
 def describe_rays(paths: Paths, distance: Floats | float) -> LightPath:
     """Return what programs can ask of rays that go for a distance (n,), in units of their directions' lengths."""
     unit = length(paths.rays.directions)
-    stretch = distance * unit
+    travelled = distance * unit
     return LightPath(
         {
             **describe_kinds(paths.kind, paths.bounces),
-            "length": stretch - paths.rays.t_min * unit,
-            "travelled": paths.travelled + stretch,
+            "length": travelled - np.maximum(paths.travelled, paths.rays.t_min * unit),
+            "travelled": travelled,
             "transparent_depth": paths.passages.astype(np.float64),
         }
     )

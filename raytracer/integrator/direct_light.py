@@ -21,7 +21,7 @@ from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.lights.light_shapes import LightSamples
 from raytracer.sampling.warps import power_heuristic
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
-from raytracer.surfaces.surface import Surface, spawn_origin
+from raytracer.surfaces.surface import Surface, depart
 
 
 def sample_lights(
@@ -56,11 +56,10 @@ def sample_lights(
 def _aim(surface: Surface, light: LightSamples, rows: Indices) -> Rays:
     """Return shadow rays from some of the points: to the light's target, if it has one, so that rays which share it end
     at the same point to the last place."""
-    direction, reach = light.direction.take(rows, axis=0), light.distance.take(rows)
-    origins = spawn_origin(surface.select(rows), direction)
+    direction, reach, target = light.direction.take(rows, axis=0), light.distance.take(rows), None
     if light.target is not None and light.reach is not None:
-        direction, reach = light.target.take(rows, axis=0) - origins, light.reach.take(rows)
-    return Rays(origins, direction, np.zeros(len(rows)), reach)
+        target, reach = light.target.take(rows, axis=0), light.reach.take(rows)
+    return depart(surface.select(rows), direction, reach, target)
 
 
 # The classes of rays that no surface reflects.

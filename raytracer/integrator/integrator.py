@@ -40,6 +40,7 @@ from raytracer.shading.computed import list_scene_attributes
 from raytracer.shading.materials import MaterialTable, find_radiance, make_material_table
 from raytracer.shading.occlusion import OcclusionTest, make_occlusion_test
 from raytracer.shading.site_tables import make_site_tables
+from raytracer.surfaces.places import make_order
 from raytracer.surfaces.surface_tables import SurfaceTables, make_surface_tables
 
 # What programs of materials that ask for the picture's size get where there is none.
@@ -171,12 +172,13 @@ def _compose(
         settings = replace(settings, passes=("Combined",))
     visible_lights = _find_visible(lights, features.specular or interreflects)
     seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
-    cast = make_cast(caster, seen_by)
+    order = make_order(tables)
+    cast = make_cast(caster, seen_by, order)
     if features.transparency:
         assert settings.shadow_passages is not None  # as Settings fills it in
         visibility = transparent_visibility(cast, tables, materials, settings.shadow_passages)
     else:
-        visibility = opaque_visibility(caster, None if seen_by is None else cast)
+        visibility = opaque_visibility(caster, None if seen_by is None else cast, order)
     return Integrator(
         cast=cast,
         settings=settings,
@@ -187,7 +189,7 @@ def _compose(
         emitters=emitters,
         background=background,
         visibility=visibility,
-        occlusion_test=make_occlusion_test(caster, cast, tables) if features.occlusion else None,
+        occlusion_test=make_occlusion_test(caster, cast, order) if features.occlusion else None,
         holdout=_gather_records(scene, "holdout", np.bool_) if features.holdout else None,
         pass_index=_gather_records(scene, "pass_index", np.int32),
         needs_light=needs_light,

@@ -6,18 +6,19 @@ Rays that share the point they end at, or their direction, are cast in calls of 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from raytracer.arrays.rows import any_column
 from raytracer.arrays.types import Booleans, Counts, Floats, Indices, Keys
-from raytracer.casting.ray_visibility import Cast, RayCaster, classify_shadows
+from raytracer.casting.order import Order
+from raytracer.casting.ray_visibility import Cast, RayCaster, classify_shadows, find_any
 from raytracer.casting.rays import Rays, join_rays
 from raytracer.integrator.light_sources import ALONE
 from raytracer.shading.materials import MaterialTable, find_transparency
-from raytracer.surfaces.surface import make_surface, spawn_origin
+from raytracer.surfaces.surface import make_surface
 from raytracer.surfaces.surface_tables import SurfaceTables
 
 # What shadow rays, after so many straight passages of their paths, let through: (n, 1) or (n, 3); where the third is
@@ -91,17 +92,15 @@ def _split_by_key(key: Keys) -> Iterator[Indices | slice]:
     yield from np.split(order, ends)
 
 
-def opaque_visibility(caster: RayCaster, cast: Cast | None = None) -> Visibility:
+def opaque_visibility(caster: RayCaster, cast: Cast | None = None, order: Order | None = None) -> Visibility:
     """Shadow rays where every surface stops the light: (n, 1), 1 or 0.
 
     cast : needed where some objects throw no shadows
+    order : of surfaces at one place, or None
     """
 
     def see(rays: Rays, passages: Counts, unstopped: Booleans) -> Floats:
-        if cast is not None:
-            blocked = cast(rays, classify_shadows(rays)).hit
-        else:
-            blocked = caster.any_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
+        blocked = find_any(caster, rays, order) if cast is None else cast(rays, classify_shadows(rays)).hit
         return np.where(blocked, 0.0, 1.0)[:, np.newaxis]
 
     return see
@@ -135,7 +134,5 @@ def _see_through(
         left[rows[passages[rows] >= most]] = 0.0
         passages = passages + 1
         open_ = np.flatnonzero(any_column(left[rows] > 0))
-        rays, surface, rows = rays.select(open_), surface.select(open_), rows[open_]
-        reach = rays.t_max - hits.distance[open_]
-        rays = Rays(spawn_origin(surface, rays.directions), rays.directions, np.zeros(len(rows)), np.maximum(reach, 0))
+        rays, rows = replace(rays.select(open_), after=hits.select(open_)), rows[open_]
     return left
