@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from raytracer.arrays.rows import any_column, take_rows
-from raytracer.arrays.types import Floats, Indices
+from raytracer.arrays.types import Floats, Indices, Masks
 from raytracer.bsdfs.bsdf import evaluate_bsdf, evaluate_diffuse, evaluate_lobes, includes_diffuse
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Rays
@@ -44,12 +44,15 @@ def sample_lights(
     shadow_rays = []
     for source in sources:
         found = source.sample(replace(points, sampler=points.sampler.skip(source.dimension)))
-        light = reflect_light(points.shading, probabilities, found.light, source.seen_by) * throughput
+        seen_by = source.seen_by if found.seen_by is None else found.seen_by
+        reflect = reflect_seen if source.cast_as == SEEN_BY["shadow"] else reflect_as_rays
+        light = reflect(points.shading, probabilities, found.light, seen_by) * throughput
         lit = np.flatnonzero((found.light.density > 0) & any_column(light > 0))
         rays = _aim(points.surface, found.light, lit) if source.cast_shadow or all_rays else None
-        passages, key = points.passages[lit], found.key[lit]
+        depths, key = points.depths.select(lit), found.key[lit]
         light = take_rows(light, lit)
-        shadow_rays.append(ShadowRays(row[lit], light, key, passages, rays, source.unstopped, source.chance))
+        how = (source.unstopped, source.cast_as)
+        shadow_rays.append(ShadowRays(row[lit], light, key, depths, rays, *how, chance=source.chance))
     return shadow_rays
 
 
@@ -64,6 +67,17 @@ def _aim(surface: Surface, light: LightSamples, rows: Indices) -> Rays:
 
 # The classes of rays that no surface reflects.
 UNREFLECTED = SEEN_BY["camera"] | SEEN_BY["shadow"]
+
+
+def reflect_seen(shading: Shading, probabilities: Floats, light: LightSamples, seen_by: Masks | int) -> Floats:
+    """Return what `reflect_light` does where `seen_by` may differ from point to point, (n,)."""
+    if isinstance(seen_by, int):
+        return reflect_light(shading, probabilities, light, seen_by)
+    value = np.zeros((len(shading), 3))
+    for mask in np.unique(seen_by):
+        rows = seen_by == mask
+        value[rows] = reflect_light(shading, probabilities, light, int(mask))[rows]
+    return value
 
 
 def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples, seen_by: int = SEEN_BY_ALL) -> Floats:
@@ -86,10 +100,29 @@ def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples, 
     return value
 
 
+def reflect_as_rays(shading: Shading, probabilities: Floats, light: LightSamples, ray_class: Masks | int) -> Floats:
+    """Return (n, 3) what points send back of samples of a light that reflected rays of one class bring, in the share
+    that those leave to light sampling.
+
+    A reflected ray brings the light of all parts, whichever part it was sampled by: f p_k / p of it comes by those of
+    class k, with p_k their part of the density p. Where diffuse reflection is not followed, each part brings its own.
+    """
+    assert isinstance(ray_class, int)
+    if not includes_diffuse(shading, probabilities):
+        return reflect_light(shading, probabilities, light, ray_class)
+    part, own = _leave_out_hidden(shading, probabilities, ray_class)
+    whole, density = evaluate_bsdf(shading, probabilities, light.direction)
+    value, own_density = evaluate_bsdf(part, own, light.direction)
+    followed = np.flatnonzero(probabilities[:, 1 + len(shading.lobes) :].any(axis=1) & (density > 0))
+    value[followed] = whole[followed] * (own_density[followed] / density[followed])[:, np.newaxis]
+    return value * power_heuristic(light.density, density)[:, np.newaxis] * light.weight
+
+
 def _leave_out_hidden(shading: Shading, probabilities: Floats, seen_by: int) -> tuple[Shading, Floats]:
     """Return only the parts that belong to the classes of rays in `seen_by`, and how often they are taken.
 
-    A part that both reflects and transmits goes only where neither is left, as in Cycles.
+    A part that both reflects and transmits goes only where neither is left, and diffuse transmission with diffuse
+    reflection, as in Cycles.
     """
     probabilities, first = probabilities.copy(), 1 + len(shading.lobes)
     kept = []
@@ -103,7 +136,7 @@ def _leave_out_hidden(shading: Shading, probabilities: Floats, seen_by: int) -> 
         diffuse = np.zeros_like(diffuse)
         probabilities[:, first : first + 1] = 0.0
     for column, part in enumerate(shading.tilted, start=first + 1):
-        if not seen_by & SEEN_BY["transmission" if part.transmits else "diffuse"]:
+        if not seen_by & SEEN_BY["diffuse"]:
             part = dataclasses.replace(part, albedo=np.zeros_like(part.albedo))
             probabilities[:, column : column + 1] = 0.0
         tilted.append(part)

@@ -53,6 +53,7 @@ from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.scene import Scene
 from raytracer.shading.materials import find_transparency, make_shading
+from raytracer.shading.site import Depths
 from raytracer.surfaces.surface import Surface, make_surface
 
 # A tree has so many rays at most, and none that counts less in the picture: more, the eye could not tell apart.
@@ -241,7 +242,7 @@ def trace_shadows(inspector: Inspector, wave: Wave) -> Iterator[Shadow]:
     """Yield a shadow ray to each source of light of which the surface sends anything back."""
     integrator = inspector.integrator
     sampler = Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
-    points = ShadingPoints(wave.surface, wave.shading, wave.paths.passages, sampler)
+    points = ShadingPoints(wave.surface, wave.shading, Depths(wave.paths.bounces, wave.paths.passages), sampler)
     # Nothing but light sampling brings this light: no other way to its directions has a probability.
     probabilities = np.zeros((1, 1 + len(wave.shading.lobes)))
     row = np.zeros(1, np.intp)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Booleans
+from raytracer.arrays.types import Booleans, Masks
 from raytracer.casting.ray_visibility import Cast, RayCaster, SceneCaster, make_cast
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.passes import PASSES
@@ -158,9 +158,15 @@ def _compose(
     emitters = None
     if features.emission and needs_light:
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
+    seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
     lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     links = _link_lights(scene) if features.light_linking else None
-    sources = _list_sources(lights, emitters, background, links, features.rough or interreflects)
+    sources = [make_light_source(light, features.rough or interreflects, links) for light in lights]
+    if emitters is not None:
+        by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by) else None
+        sources.append(EmissiveGeometry(emitters=emitters, links=links, seen_by_object=by_object))
+    if background is not None:
+        sources += make_world_sources(background, features.ray_visibility or features.light_path)
     dimensions = allocate_dimensions(
         [source.dimension_count for source in sources], programs=features.occlusion, roulette=interreflects
     )
@@ -171,7 +177,6 @@ def _compose(
         lights = [light for light in lights if light.shadow_catcher]
         settings = replace(settings, passes=("Combined",))
     visible_lights = _find_visible(lights, features.specular or interreflects)
-    seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
     order = make_order(tables)
     cast = make_cast(caster, seen_by, order)
     if features.transparency:
@@ -206,23 +211,10 @@ def _link_lights(scene: Scene) -> LightLinks:
     return LightLinks(*(_gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
 
 
-def _list_sources(
-    lights: list[Light],
-    emitters: Emitters | None,
-    background: Environment | None,
-    links: LightLinks | None,
-    weigh: bool,
-) -> list[LightSource]:
-    """Return all that surfaces are lit by: lights, then emissive geometry, then the world.
-
-    weigh : True where reflected rays can meet a light
-    """
-    sources = [make_light_source(light, weigh, links) for light in lights]
-    if emitters is not None:
-        sources.append(EmissiveGeometry(emitters=emitters, links=links))
-    if background is not None:
-        sources += make_world_sources(background)
-    return sources
+def _hides_emitters(emitters: Emitters, seen_by: Masks) -> bool:
+    """True where emissive geometry is hidden from reflected rays of some kind."""
+    reflected = SEEN_BY["diffuse"] | SEEN_BY["glossy"] | SEEN_BY["transmission"]
+    return bool(((seen_by[emitters.instance] & reflected) != reflected).any())
 
 
 def _is_present(source: LightSource, catchers_only: bool) -> bool:

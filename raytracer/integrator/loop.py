@@ -38,6 +38,7 @@ from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
 from raytracer.sampling.sampler import Sampler, share_samples
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.shading.materials import make_shading
+from raytracer.shading.site import Depths
 from raytracer.surfaces.surface import make_surface
 
 # Paths shaded together; casts take whole waves.
@@ -145,7 +146,7 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     sampler = sampler.select(paths.row)
     ended = find_ended(paths.bounces, integrator.settings) | find_closed(integrator, paths)
     probabilities = weigh_lobes(integrator, wave, ended)
-    points = ShadingPoints(surface, wave.shading, paths.passages, sampler)
+    points = ShadingPoints(surface, wave.shading, Depths(paths.bounces, paths.passages), sampler)
     throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
     shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row)
 
