@@ -13,15 +13,17 @@ import numpy as np
 
 from raytracer.arrays.rows import any_column, take_rows
 from raytracer.arrays.types import Floats, Indices, Masks
+from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.bsdf import evaluate_bsdf, evaluate_diffuse, evaluate_lobes, includes_diffuse
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Rays
-from raytracer.integrator.light_sources import LightSource, ShadingPoints
+from raytracer.integrator.light_sources import OTHER, LightSource, ShadingPoints
 from raytracer.integrator.shadow_rays import ShadowRays
+from raytracer.lecture import length
 from raytracer.lights.light_shapes import LightSamples
 from raytracer.sampling.warps import power_heuristic
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
-from raytracer.surfaces.surface import Surface, depart
+from raytracer.surfaces.surface import depart
 
 
 def sample_lights(
@@ -48,7 +50,8 @@ def sample_lights(
         reflect = reflect_seen if source.cast_as == SEEN_BY["shadow"] else reflect_as_rays
         light = reflect(points.shading, probabilities, found.light, seen_by) * throughput
         lit = np.flatnonzero((found.light.density > 0) & any_column(light > 0))
-        rays = _aim(points.surface, found.light, lit) if source.cast_shadow or all_rays else None
+        lifts = source.kind != OTHER
+        rays = _aim(points, found.light, lit, lifts) if source.cast_shadow or all_rays else None
         depths, key = points.depths.select(lit), found.key[lit]
         light = take_rows(light, lit)
         how = (source.unstopped, source.cast_as)
@@ -56,13 +59,30 @@ def sample_lights(
     return shadow_rays
 
 
-def _aim(surface: Surface, light: LightSamples, rows: Indices) -> Rays:
+def _aim(points: ShadingPoints, light: LightSamples, rows: Indices, lifts: bool) -> Rays:
     """Return shadow rays from some of the points: to the light's target, if it has one, so that rays which share it end
-    at the same point to the last place."""
+    at the same point to the last place.
+
+    lifts : False for rays that take the place of reflected ones, which start on the surface
+    """
+    surface = points.surface.select(rows)
     direction, reach, target = light.direction.take(rows, axis=0), light.distance.take(rows), None
     if light.target is not None and light.reach is not None:
         target, reach = light.target.take(rows, axis=0), light.reach.take(rows)
-    return depart(surface.select(rows), direction, reach, target)
+    if points.lift is None or not lifts:
+        return depart(surface, direction, reach, target)
+    shading = points.shading
+    normal, geometric = take_rows(shading.normal, rows), take_rows(shading.geometric_normal, rows)
+    lifted = points.lift(surface, normal, geometric, direction)
+    if target is None and len(lifted.rows):
+        # From higher up the same point lies in another direction; not so what is infinitely far away.
+        near = np.isfinite(reach[lifted.rows])
+        way = direction[lifted.rows[near]] * reach[lifted.rows[near], np.newaxis] - lifted.offset[near]
+        reach[lifted.rows[near]] = length(way)
+        direction[lifted.rows[near]] = normalize(way)
+    position = surface.position.copy()
+    position[lifted.rows] += lifted.offset
+    return depart(dataclasses.replace(surface, position=position), direction, reach, target)
 
 
 # The classes of rays that no surface reflects.

@@ -30,7 +30,7 @@ from raytracer.film.camera import primary_rays
 from raytracer.integrator.bounces import classify_rays, find_ended
 from raytracer.integrator.contributions import add_background, add_emission, add_visible_lights, describe_path
 from raytracer.integrator.direct_light import sample_lights
-from raytracer.integrator.integrator import Integrator, light_is_on, prepare
+from raytracer.integrator.integrator import Integrator, find_lift, light_is_on, prepare
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
 from raytracer.integrator.loop import find_closed
 from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
@@ -242,7 +242,8 @@ def trace_shadows(inspector: Inspector, wave: Wave) -> Iterator[Shadow]:
     """Yield a shadow ray to each source of light of which the surface sends anything back."""
     integrator = inspector.integrator
     sampler = Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
-    points = ShadingPoints(wave.surface, wave.shading, Depths(wave.paths.bounces, wave.paths.passages), sampler)
+    depths = Depths(wave.paths.bounces, wave.paths.passages)
+    points = ShadingPoints(wave.surface, wave.shading, depths, sampler, find_lift(integrator))
     # Nothing but light sampling brings this light: no other way to its directions has a probability.
     probabilities = np.zeros((1, 1 + len(wave.shading.lobes)))
     row = np.zeros(1, np.intp)

@@ -42,6 +42,7 @@ from raytracer.shading.occlusion import OcclusionTest, make_occlusion_test
 from raytracer.shading.site_tables import make_site_tables
 from raytracer.surfaces.places import make_order
 from raytracer.surfaces.surface_tables import SurfaceTables, make_surface_tables
+from raytracer.surfaces.terminator import Lift, Terminator, lift_points, make_terminator
 
 # What programs of materials that ask for the picture's size get where there is none.
 DEFAULT_RESOLUTION = (1000, 1000)
@@ -66,6 +67,7 @@ class Integrator:
     emission_ahead : True where a ray that goes on can meet a light, emissive geometry or the world
     dimensions : numbered dimensions of a wave
     links : which objects are lit by what, or None where all are by all
+    terminator : offsets of the shadow terminator; None where no smooth mesh has any
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     catchers_only : the stages of the scene without all but its shadow catchers, or None
     """
@@ -88,6 +90,7 @@ class Integrator:
     emission_ahead: bool
     dimensions: WaveDimensions
     links: LightLinks | None = None
+    terminator: Terminator | None = None
     is_catcher: Booleans | None = None
     catchers_only: Integrator | None = None
 
@@ -106,12 +109,13 @@ def prepare(
     """
     features = derive_features(scene)
     needs_light = asks_for_light(settings)
+    terminator = make_terminator(scene) if needs_light and features.smooth_normals else None
     tables = make_surface_tables(
         scene,
         caster.geometry,
         features.smooth_normals,
         uvs=features.uvs and "UV" in settings.passes,
-        barycentric=features.programs,
+        barycentric=features.programs or terminator is not None,
         roundoff=caster.roundoff,
     )
     sites = make_site_tables(scene, tables, list_scene_attributes(scene), resolution) if features.programs else None
@@ -119,13 +123,21 @@ def prepare(
     background = None
     if features.world and needs_light and scene.world is not None:
         background = make_environment(scene.world, scene.camera, resolution)
-    compose = partial(_compose, scene, settings, features, tables, materials, background)
+    compose = partial(_compose, scene, settings, features, tables, materials, background, terminator)
     whole = compose(caster)
     if not catches_shadows(features, settings):
         return whole
     is_catcher = _gather_records(scene, "shadow_catcher", np.bool_)
     part: RayCaster = take_part(is_catcher) if take_part else SubsetCaster(caster, is_catcher)
     return replace(whole, is_catcher=is_catcher, catchers_only=compose(part, is_catcher))
+
+
+def find_lift(integrator: Integrator) -> Lift | None:
+    """Return what tells which shadow rays start higher; None where none do."""
+    terminator = integrator.terminator
+    if terminator is None or not terminator.cutoff.any():
+        return None
+    return partial(lift_points, integrator.tables, terminator)
 
 
 def asks_for_light(settings: Settings) -> bool:
@@ -145,6 +157,7 @@ def _compose(
     tables: SurfaceTables,
     materials: MaterialTable,
     background: Environment | None,
+    terminator: Terminator | None,
     caster: RayCaster,
     present: Booleans | None = None,
 ) -> Integrator:
@@ -203,6 +216,7 @@ def _compose(
         emission_ahead=bool(visible_lights) or emitters is not None or background is not None,
         dimensions=dimensions,
         links=links,
+        terminator=terminator,
     )
 
 

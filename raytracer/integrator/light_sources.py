@@ -40,6 +40,7 @@ from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.lights import Light
 from raytracer.shading.site import FARTHEST, Depths, LightPath, describe_reflected, describe_sampling, put_further
 from raytracer.surfaces.surface import Surface
+from raytracer.surfaces.terminator import Lift
 
 # The key of shadow rays that share nothing.
 ALONE = -1
@@ -54,12 +55,14 @@ class ShadingPoints:
 
     depths : of the paths that led there
     sampler : begins with the wave's dimensions
+    lift : tells which shadow rays start higher (`terminator`); None where none do
     """
 
     surface: Surface
     shading: Shading
     depths: Depths
     sampler: Sampler
+    lift: Lift | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -30,7 +30,7 @@ from raytracer.integrator.contributions import (
     finish_alpha,
 )
 from raytracer.integrator.direct_light import sample_lights
-from raytracer.integrator.integrator import Integrator
+from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_sources import ShadingPoints
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
 from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_split, start_catching
@@ -133,6 +133,8 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     # Surface: where is it, and which closures are there?
     surface = make_surface(integrator.tables, paths.rays, hits)
     shading = make_shading(integrator.materials, surface, describe_path(integrator, paths, hits, surface, sampler))
+    if integrator.terminator is not None and integrator.terminator.frequency is not None:
+        shading = replace(shading, frequency=integrator.terminator.frequency[surface.instance])
     wave = Wave(paths, hits, surface, shading)
     describe_surface(integrator, passes, wave)
 
@@ -146,7 +148,7 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     sampler = sampler.select(paths.row)
     ended = find_ended(paths.bounces, integrator.settings) | find_closed(integrator, paths)
     probabilities = weigh_lobes(integrator, wave, ended)
-    points = ShadingPoints(surface, wave.shading, Depths(paths.bounces, paths.passages), sampler)
+    points = ShadingPoints(surface, wave.shading, Depths(paths.bounces, paths.passages), sampler, find_lift(integrator))
     throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
     shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row)
 
