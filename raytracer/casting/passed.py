@@ -49,6 +49,12 @@ class Passed:
         self.departure = rays.departure or no_departure(count)
         self.gate = np.maximum(self.high, self.departure.reach)
 
+    def leave_out_met(self, ray: Indices, primitive_id: Ids) -> tuple[Indices, Ids]:
+        """Return the candidates but for the triangles that their rays have met last: a line meets each once."""
+        fresh = (primitive_id != self.met.take(ray)) | (primitive_id >= self.primitives.geometry.sphere_id)
+        index = np.flatnonzero(fresh)
+        return ray.take(index), primitive_id.take(index)
+
     def find_keys(self, ray: Indices, primitive_id: Ids) -> SortKeys:
         """Return the keys (k,) of primitives as rays meet them."""
         return find_keys(self.primitives, self.order, self.rays.directions.take(ray, axis=0), primitive_id)
@@ -82,9 +88,7 @@ class Passed:
             out, doubtful = low < self.low[ray], np.zeros(len(ray), dtype=np.bool_)
         else:
             out, doubtful = high < self.low[ray], ~level & (low <= self.high[ray])
-        own = (primitive_id == self.met[ray]) & (primitive_id < self.primitives.geometry.sphere_id)
-        out |= own
-        rows = np.flatnonzero(level & ~own)
+        rows = np.flatnonzero(level)
         if len(rows):
             out[rows] |= ~self.find_later(ray[rows], primitive_id[rows])
         rows = np.flatnonzero(low <= self.departure.reach[ray])

@@ -136,6 +136,8 @@ class Search:
 
         Overflow shows as infinity or NaN, of which nothing is certain.
         """
+        if self.passed is not None:
+            ray, primitive_id = self.passed.leave_out_met(ray, primitive_id)
         changed = [self._offer_turned(ray[part], primitive_id[part], axis) for axis, part in self._by_axis(ray)]
         return np.concatenate(changed) if changed else ray[:0]
 

@@ -242,7 +242,7 @@ def trace_shadows(inspector: Inspector, wave: Wave) -> Iterator[Shadow]:
     """Yield a shadow ray to each source of light of which the surface sends anything back."""
     integrator = inspector.integrator
     sampler = Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
-    depths = Depths(wave.paths.bounces, wave.paths.passages)
+    depths = Depths(wave.paths.passages, wave.paths.bounces)
     points = ShadingPoints(wave.surface, wave.shading, depths, sampler, find_lift(integrator))
     # Nothing but light sampling brings this light: no other way to its directions has a probability.
     probabilities = np.zeros((1, 1 + len(wave.shading.lobes)))

@@ -67,6 +67,7 @@ class Integrator:
     emission_ahead : True where a ray that goes on can meet a light, emissive geometry or the world
     dimensions : numbered dimensions of a wave
     links : which objects are lit by what, or None where all are by all
+    tells_paths : True where a program asks how rays came
     terminator : offsets of the shadow terminator; None where no smooth mesh has any
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     catchers_only : the stages of the scene without all but its shadow catchers, or None
@@ -90,6 +91,7 @@ class Integrator:
     emission_ahead: bool
     dimensions: WaveDimensions
     links: LightLinks | None = None
+    tells_paths: bool = False
     terminator: Terminator | None = None
     is_catcher: Booleans | None = None
     catchers_only: Integrator | None = None
@@ -179,7 +181,7 @@ def _compose(
         by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by) else None
         sources.append(EmissiveGeometry(emitters=emitters, links=links, seen_by_object=by_object))
     if background is not None:
-        sources += make_world_sources(background, features.ray_visibility or features.light_path)
+        sources += make_world_sources(background, features.light_path or _are_told_apart(seen_by))
     dimensions = allocate_dimensions(
         [source.dimension_count for source in sources], programs=features.occlusion, roulette=interreflects
     )
@@ -216,6 +218,7 @@ def _compose(
         emission_ahead=bool(visible_lights) or emitters is not None or background is not None,
         dimensions=dimensions,
         links=links,
+        tells_paths=features.light_path or (background is not None and background.program is not None),
         terminator=terminator,
     )
 
@@ -223,6 +226,14 @@ def _compose(
 def _link_lights(scene: Scene) -> LightLinks:
     """Return which objects are lit by what."""
     return LightLinks(*(_gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
+
+
+def _are_told_apart(seen_by: Masks | None) -> bool:
+    """True where an object is met by some of diffuse, glossy and shadow rays, but not by all."""
+    if seen_by is None:
+        return False
+    looking = SEEN_BY["diffuse"] | SEEN_BY["glossy"] | SEEN_BY["shadow"]
+    return bool((~np.isin(seen_by & looking, (0, looking))).any())
 
 
 def _hides_emitters(emitters: Emitters, seen_by: Masks) -> bool:

@@ -218,7 +218,7 @@ def make_light_source(light: Light, weigh: bool, links: LightLinks | None = None
 def make_world_sources(environment: Environment, tells_rays_apart: bool) -> list[LightSource]:
     """Return the world as sources: one for each of its samplers, or for each kind of reflection.
 
-    tells_rays_apart : True where objects are hidden from some rays, or ask how they came
+    tells_rays_apart : True where objects are hidden from some of the rays that look for it, or ask how they came
     """
     if not environment.is_even:
         return [

@@ -148,7 +148,13 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     sampler = sampler.select(paths.row)
     ended = find_ended(paths.bounces, integrator.settings) | find_closed(integrator, paths)
     probabilities = weigh_lobes(integrator, wave, ended)
-    points = ShadingPoints(surface, wave.shading, Depths(paths.bounces, paths.passages), sampler, find_lift(integrator))
+    points = ShadingPoints(
+        surface,
+        wave.shading,
+        Depths(paths.passages, paths.bounces if integrator.tells_paths else None),
+        sampler,
+        find_lift(integrator),
+    )
     throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
     shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row)
 

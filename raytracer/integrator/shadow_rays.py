@@ -96,11 +96,12 @@ def cast_shadows(visibility: Visibility, shadow_rays: Sequence[ShadowRays]) -> l
 def _join_shadows(sources: Sequence[ShadowRays]) -> Shadows:
     """Return the rays of all sources, in order."""
     counts = [len(of_source.row) for of_source in sources]
+    bounces = [of_source.depths.bounces for of_source in sources if of_source.depths.bounces is not None]
     return Shadows(
         join_rays([of_source.rays for of_source in sources if of_source.rays is not None]),
         Depths(
-            np.concatenate([of_source.depths.bounces for of_source in sources]),
             np.concatenate([of_source.depths.passages for of_source in sources]),
+            np.concatenate(bounces) if len(bounces) == len(sources) else None,
         ),
         np.repeat([of_source.unstopped for of_source in sources], counts),
         np.repeat(np.array([of_source.cast_as for of_source in sources], np.uint8), counts),

@@ -149,7 +149,7 @@ def _estimate_means(emitters: Emitters, varies: NDArray[np.bool_], find_radiance
         picked = rows[(numbers[:, 2] * len(rows)).astype(np.int64)]
         surface = _place_surface(emitters, picked, numbers[:, :2], None, None)
         # As if from a metre away, after the first bounce.
-        depths = Depths(np.zeros((ESTIMATE_POINTS, 3), np.int32), np.zeros(ESTIMATE_POINTS, np.int32))
+        depths = Depths(np.zeros(ESTIMATE_POINTS, np.int32), np.zeros((ESTIMATE_POINTS, 3), np.int32))
         mean[number] = find_radiance(surface, describe_sampling(np.ones(ESTIMATE_POINTS), depths)).mean()
     return np.maximum(mean, LEAST_SHARE * max(mean.max(initial=0.0), np.finfo(np.float64).tiny))
 

@@ -48,14 +48,18 @@ FARTHEST = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Depths:
-    """How far paths have come to n points: bounces (n, 3) int32 of each kind in COUNTED, passages (n,) int32."""
+    """How far paths have come to n points.
 
-    bounces: Counts
+    passages : (n,) int32, straight through surfaces
+    bounces : (n, 3) int32, of each kind in COUNTED; None where no program asks
+    """
+
     passages: Counts
+    bounces: Counts | None = None
 
     def select(self, rows: Any) -> Depths:
         """Return some of the points: index or boolean array."""
-        return Depths(take_rows(self.bounces, rows), self.passages[rows])
+        return Depths(self.passages[rows], None if self.bounces is None else take_rows(self.bounces, rows))
 
 
 def describe_shadow_rays(length: Floats, depths: Depths | None = None, passed: int = 0) -> LightPath:
@@ -72,12 +76,14 @@ def describe_reflected(kind: Kinds, length: Floats, depths: Depths, passed: int 
     """Return what programs can ask of rays that are reflected in ways (n,) of `bounce_kinds`; other arguments as of
     `describe_shadow_rays`."""
     path = describe_sampling(length, depths, passed)
+    if depths.bounces is None:
+        return path
     return LightPath({**path.values, **describe_kinds(kind, count_bounces(depths.bounces, kind))})
 
 
 def put_further(path: LightPath) -> LightPath:
     """Return what programs of the world can ask of rays that see it: for Cycles it is one bounce further."""
-    return LightPath({**path.values, "depth": path.values["depth"] + 1.0})
+    return LightPath({**path.values, "depth": path.values["depth"] + 1.0}) if "depth" in path.values else path
 
 
 def describe_sampling(length: Floats, depths: Depths | None = None, passed: int = 0) -> LightPath:
@@ -87,7 +93,7 @@ def describe_sampling(length: Floats, depths: Depths | None = None, passed: int 
     further than the point that it lights, but counted as of no kind (svm/light_path.h).
     """
     values = {"length": length, "travelled": np.zeros(len(length))}
-    if depths is None:
+    if depths is None or depths.bounces is None:
         return LightPath(values)
     counted = depths.bounces.astype(np.float64)
     return LightPath(

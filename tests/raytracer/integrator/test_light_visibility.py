@@ -102,7 +102,7 @@ def test_of_two_parts_that_which_sees_the_source_is_lit(source, integrator, hidd
 def test_the_light_of_an_even_world_is_the_same_however_rays_are_told_apart(integrator, max_bounces):
     """Diffuse and glossy rays that look for it apart bring together what they do at once."""
     pictures = []
-    for mask in (SEEN_BY_ALL, SEEN_BY_ALL - SEEN_BY["camera"]):
+    for mask in (SEEN_BY_ALL, SEEN_BY_ALL - SEEN_BY["shadow"]):
         scene = raytracer.Scene(
             meshes=[square(0.0, 9.0), square(-5.0, 0.1)],
             materials=[MIXED],
@@ -226,3 +226,15 @@ def test_lengths_go_on_behind_what_is_passed_straight():
     glow = Material((Closure("emission", color=1.0, weight=register),), program=program)
     scene = raytracer.Scene(meshes=[square(0.0, 9), square(1.0, 9, 1)], materials=[glow, CLEAR])
     np.testing.assert_allclose(look_down(scene, height=3.0), 3.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("mask", [SEEN_BY_ALL - SEEN_BY["camera"], SEEN_BY_ALL - SEEN_BY["transmission"], 0])
+def test_an_even_world_is_one_source_where_nothing_tells_its_rays_apart(mask):
+    scenes = [
+        raytracer.Scene(
+            meshes=[square(0.0), square(5.0, 0.1)], instances=make_instances(2, m1=seen_by), world=raytracer.World(0.5)
+        )
+        for seen_by in (SEEN_BY_ALL, mask, SEEN_BY_ALL - SEEN_BY["diffuse"])
+    ]
+    counts = [len(prepare(scene, raytracer.build(scene), Settings()).sources) for scene in scenes]
+    assert counts == [1, 1, 2]
