@@ -2,6 +2,23 @@
 
 Three kinds answer the same question: a light (`SampledLight`), all emissive geometry (`EmissiveGeometry`), the world
 (`SampledWorld`). A source that reflected rays can also meet is sampled in both ways, weighed by the power heuristic.
+
+Who sees what, by source and kind of ray, as in Cycles:
+
+    source                sampled: reflected by the parts  its rays meet the objects   met by the rays
+    light                 that see the light               that shadow rays see        that see the light
+    emissive geometry     that see the object              that shadow rays see        that see the object
+    world that varies     that see the world               that shadow rays see        that see the world
+    world that is even    whose rays would bring it        that those rays see         that see the world
+
+Diffuse transmission is a part that sees by the flag for diffuse rays; its rays see objects by that for transmission,
+lights and the world by both. A part that reflects and transmits sees by either flag. To programs a ray to any source
+but an even world is of no kind; to one, it is of the kind whose place it takes.
+
+References
+----------
+Blender, intern/cycles/kernel/integrator/surface_shader.h: _surface_shader_exclude; light/common.h:
+is_light_shader_visible_to_path; integrator/path_state.h: path_state_ray_visibility; svm/light_path.h.
 """
 
 from __future__ import annotations
