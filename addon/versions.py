@@ -180,6 +180,17 @@ def is_portal(light: Any) -> bool:
     return bool(getattr(getattr(light, "cycles", None), "is_portal", False))
 
 
+def read_terminator(shown: Any) -> tuple[float, float]:
+    """Return an object's offsets of the shadow terminator, geometry's and shading's: of Cycles' own properties before
+    Blender 4.3."""
+    names = ("shadow_terminator_geometry_offset", "shadow_terminator_shading_offset")
+    if hasattr(shown, names[1]):
+        return (getattr(shown, names[0]), getattr(shown, names[1]))
+    # Instances of generated objects have none of Cycles' properties.
+    cycles = getattr(shown, "cycles", None)
+    return (getattr(cycles, names[0], 0.1), getattr(cycles, "shadow_terminator_offset", 0.0))
+
+
 def is_hidden_from_picking(shown: Any) -> bool:
     """Return True for an object that Scene.ray_cast passes; the setting came with 5.0."""
     return bool(getattr(shown, "hide_surface_pick", False))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.textures.noise import hash_words
 
+from .. import versions
 from .kept import Kept
 from .linking import Linked, read_linking
 from .mesh_table import MeshEntry, MeshTable
@@ -51,6 +52,7 @@ class ObjectKey(NamedTuple):
 class Part:
     """What all instances of one object, instancer and data share: a mesh, or points with their material, or a light.
 
+    terminator : Blender's offsets of the shadow terminator, of geometry and of shading
     random : Blender's number for the object, 0 to 1, where it is no instance
     """
 
@@ -65,6 +67,7 @@ class Part:
     material: int = 0
     light: Any = None
     random: float = 0.0
+    terminator: tuple[float, float] = (0.0, 0.0)
 
 
 # What a Part is called from one extraction to the next: `session_uid` of object and instancer, the data's address.
@@ -209,6 +212,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         color=tuple(shown.color),
         seen_by=seen_by,
         random=hash_name(source.name),
+        terminator=versions.read_terminator(shown),
         points=points,
     )
     sources = tuple(found.session_uid for found in (source.original, instancer.original, source.original.data))

@@ -62,11 +62,19 @@ def place_parts(placements: Placements, warnings: WarningList, with_info: bool =
         seen_by=np.array([part.seen_by for part in parts], dtype=np.int32),
         light_set=np.array([links[placements.part[row]].light_set for row in meshes], dtype=np.int32),
         receivers=np.array([links[placements.part[row]].receivers for row in meshes], dtype=np.int64),
+        terminator_geometry=_gather_offset(parts, 0),
+        terminator_shading=_gather_offset(parts, 1),
         random=np.array([placements.random[row] for row in meshes]) if with_info else None,
         color=np.array([part.color for part in parts]).reshape(-1, 4) if with_info else None,
     )
     objects = (*(part.object for part in parts), *sphere_objects)
     return Placed(instances, tuple(spheres), tuple(lights), objects)
+
+
+def _gather_offset(parts: list[Part], number: int) -> NDArray[np.float64] | None:
+    """Return an offset of the shadow terminator of each part; None where all are 0."""
+    offset = np.array([part.terminator[number] for part in parts])
+    return offset if offset.any() else None
 
 
 def place_points(part: Part, world_from_object: NDArray[np.float64], warnings: WarningList) -> raytracer.Spheres:

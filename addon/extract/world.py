@@ -1,7 +1,7 @@
 """The world: what its shaders send from every direction, as one color or a program.
 
-Shaders that shine add up to one value. Rays that the world is hidden from (Ray Visibility) see black, which is part of
-the program. What Cycles' samples of light cannot tell apart, ours cannot either: to them all flags of rays are 0.
+Shaders that shine add up to one value. What Cycles' samples of light cannot tell apart, ours cannot either: to them all
+flags of rays are 0.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import raytracer
+from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.programs import Program, Register, Value
 
 from .. import versions
@@ -27,7 +28,7 @@ def extract_world(world: Any, warnings: WarningList, images: ImageTable | None =
         return None
     node_tree = versions.find_node_tree(world)
     if node_tree is None:
-        return raytracer.World(read_color(world.color))
+        return raytracer.World(read_color(world.color), seen_by=find_world_visibility(world))
     place = Place(warnings, prefix=f"world '{world.name}': ")
     output = versions.find_output_node(node_tree)
     if output is None:
@@ -39,10 +40,10 @@ def extract_world(world: Any, warnings: WarningList, images: ImageTable | None =
     shining = [builder.scale(closure.color, closure.weight) for closure in closures if closure.kind == "emission"]
     if not shining:
         return None
-    color = hide_from_rays(builder, sum_colors(builder, shining), world)
+    color, seen_by = sum_colors(builder, shining), find_world_visibility(world)
     if isinstance(color, Register):
-        return raytracer.World(color, Program(builder.steps))
-    return raytracer.World(read_color(color))
+        return raytracer.World(color, Program(builder.steps), seen_by)
+    return raytracer.World(read_color(color), seen_by=seen_by)
 
 
 def sum_colors(builder: ProgramBuilder, colors: list[Value]) -> Value:
@@ -54,19 +55,7 @@ def sum_colors(builder: ProgramBuilder, colors: list[Value]) -> Value:
     return total
 
 
-# The flags of a world's Ray Visibility, and the rays that they are for.
-VISIBILITY = {
-    "camera": "LIGHT_PATH Is Camera Ray",
-    "diffuse": "LIGHT_PATH Is Diffuse Ray",
-    "glossy": "LIGHT_PATH Is Glossy Ray",
-    "transmission": "LIGHT_PATH Is Transmission Ray",
-}
-
-
-def hide_from_rays(builder: ProgramBuilder, color: Value, world: Any) -> Value:
-    """Return the color, black to the kinds of rays that the world is hidden from."""
-    for flag, operation in VISIBILITY.items():
-        if not getattr(world.cycles_visibility, flag):
-            hidden = next(iter(builder.add(operation, ()).values()))
-            color = builder.scale(color, builder.complement(hidden))
-    return color
+def find_world_visibility(world: Any) -> int:
+    """Return the classes of rays that see a world, as bits of SEEN_BY."""
+    hidden = [name for name in SEEN_BY if not getattr(world.cycles_visibility, name, True)]
+    return SEEN_BY_ALL - sum(SEEN_BY[name] for name in hidden)

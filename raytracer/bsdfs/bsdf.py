@@ -96,9 +96,25 @@ def evaluate_lobes(shading: Shading, probabilities: Floats, incoming: Floats) ->
 def evaluate_diffuse(shading: Shading, incoming: Floats) -> Floats:
     """Return f |cos| (n, 3) of all Lambertian parts for light from `incoming` (n, 3), unit."""
     value = shading.diffuse * (np.maximum(dot(shading.normal, incoming), 0.0) / np.pi)[:, np.newaxis]
+    if shading.frequency is not None:
+        value *= fall_faster(dot(shading.normal, incoming), shading.frequency)[:, np.newaxis]
     for part in shading.tilted:
-        value[part.hit] += evaluate_tilted(part, shading.normal[part.hit], incoming[part.hit])
+        light = evaluate_tilted(part, shading.normal[part.hit], incoming[part.hit])
+        if shading.frequency is not None:
+            light *= fall_faster(dot(part.normal, incoming[part.hit]), shading.frequency[part.hit])[:, np.newaxis]
+        value[part.hit] += light
     return value
+
+
+def fall_faster(cosine: Floats, frequency: Floats) -> Floats:
+    """Return max(cos(f a), 0) / cos a (n,) for cosines of angles a; 0 at a right angle and beyond.
+
+    References
+    ----------
+    Cycles, closure/bsdf.h: shift_cos_in, after Appleseed.
+    """
+    shifted = np.maximum(np.cos(frequency * np.arccos(np.clip(cosine, -1.0, 1.0))), 0.0)
+    return np.divide(shifted, cosine, out=np.zeros_like(cosine), where=cosine > 0)
 
 
 def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats) -> Floats:

@@ -117,6 +117,7 @@ class Shading:
     diffuse : (n, 3) float64, albedo of the Lambertian part, f = diffuse / pi
     lobes : microfacet lobes, each for some of the points
     tilted : other diffuse parts
+    frequency : (n,) float64, factor of the angle between diffuse parts' normals and light (`terminator`); None for 1
     """
 
     normal: Floats
@@ -127,6 +128,7 @@ class Shading:
     diffuse: Floats
     lobes: tuple[Microfacets, ...]
     tilted: tuple[TiltedDiffuse, ...] = ()
+    frequency: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.normal)

@@ -7,7 +7,7 @@ which changes no result; decisions are made in `query`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -22,6 +22,7 @@ from raytracer.casting.crossings import CrossingSearch
 from raytracer.casting.dense.offer import DenseOffer
 from raytracer.casting.geometry import Geometry, pack_geometry
 from raytracer.casting.matrix_form import MatrixForm
+from raytracer.casting.order import Departure, Order
 from raytracer.casting.pencil.offer import DrawnOffer
 from raytracer.casting.pencil.packet_grid import PacketGrid
 from raytracer.casting.pencil.pencil import Pencil, Rows, View, find_pencil, make_views
@@ -30,7 +31,7 @@ from raytracer.casting.pencil.projection import Projection, project
 from raytracer.casting.pencil.rasterize import offer_projected
 from raytracer.casting.primitives import Primitives, make_primitives
 from raytracer.casting.query import Search
-from raytracer.casting.rays import Hits, Rays, make_rays
+from raytracer.casting.rays import Hits, Rays, make_misses, make_rays
 from raytracer.predicates.rounding import PRECISIONS
 from raytracer.scene.scene import Scene
 
@@ -74,7 +75,15 @@ class Caster:
         return float(np.finfo(self.primitives.dtype).eps / np.finfo(np.float64).eps)
 
     def closest_hit(
-        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        *,
+        after: Hits | None = None,
+        order: Order | None = None,
+        departure: Departure | None = None,
     ) -> Hits:
         """Return the closest hit of each ray o + t d with t_min <= t <= t_max.
 
@@ -82,6 +91,12 @@ class Caster:
         ----------
         origins, directions : (n, 3) or (3,) float64, metres, world; directions of any length
         t_min, t_max : scalar or (n,), inclusive, in units of the direction's length; t_min below 0 counts as 0
+        after : hits of these rays, as they came: the rays go on behind them, in the exact order of
+            (t, instance, primitive). Called again with what it returns, until all miss, it lists all that a ray meets,
+            each triangle once and each sphere twice. Misses start afresh
+        order : the order of surfaces at one t instead of (instance, primitive) (`order`); hits then tell whether
+            they may be `tied`
+        departure : the places that the rays start from
 
         Returns
         -------
@@ -109,17 +124,22 @@ class Caster:
         >>> hits.barycentric[0].tolist(), bool(hits.distance_error[0] < 1e-14)
         ([0.25, 0.5], True)
         """
-        rays = make_rays(origins, directions, t_min, t_max)
+        rays = replace(make_rays(origins, directions, t_min, t_max), after=after, departure=departure)
         valid = rays.valid()
-        hits = _misses(valid)
-        for index, search in self._search(rays, valid, any_hit=False):
-            found = search.closest()
-            for name in Hits.__slots__:
-                getattr(hits, name)[index] = getattr(found, name)
+        hits = make_misses(valid, tied=order is not None)
+        for index, search in self._search(rays, valid, False, order):
+            hits.put(index, search.closest())
         return hits
 
     def any_hit(
-        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        *,
+        order: Order | None = None,
+        departure: Departure | None = None,
     ) -> Booleans:
         """Return (n,) bool: does anything lie on the ray with t_min <= t <= t_max? Parameters as `closest_hit`.
 
@@ -133,24 +153,33 @@ class Caster:
         >>> caster.any_hit((0.25, 0.25, 1), (0, 0, -1), t_max=0.5).tolist()
         [False]
         """
-        rays = make_rays(origins, directions, t_min, t_max)
+        rays = replace(make_rays(origins, directions, t_min, t_max), departure=departure)
         found = np.zeros(len(rays), dtype=bool)
-        for index, search in self._search(rays, rays.valid(), any_hit=True):
+        for index, search in self._search(rays, rays.valid(), True, order):
             found[index] = search.found_any()
         return found
 
-    def _search(self, rays: Rays, valid: Booleans, any_hit: bool) -> Iterator[tuple[Rows, Search]]:
+    def _search(self, rays: Rays, valid: Booleans, any_hit: bool, order: Order | None) -> Iterator[tuple[Rows, Search]]:
         """Yield the finished searches of the valid rays, in batches, with the rays' places."""
         if not valid.all():
             place = np.flatnonzero(valid)
             rays = rays.select(place)
-            for rows, search in self._search(rays, np.ones(len(rays), bool), any_hit):
+            for rows, search in self._search(rays, np.ones(len(rays), bool), any_hit, order):
                 yield place[rows], search
             return
+        fresh = rays.find_fresh()
+        if fresh.any() and not fresh.all():
+            for place in (np.flatnonzero(fresh), np.flatnonzero(~fresh)):
+                some = rays.select(place)
+                for rows, search in self._search(some, np.ones(len(some), bool), any_hit, order):
+                    yield place[rows], search
+            return
+        if rays.after is not None or rays.departure is not None:
+            rays = replace(rays, after=None, departure=None) if fresh.all() else rays
         for start in range(0, len(rays), CALL_RAYS):
             some = rays.select(slice(start, start + CALL_RAYS))
             for rows, offer in self._plan(some, any_hit):
-                search = Search(self.primitives, some.select(rows), any_hit)
+                search = Search(self.primitives, some.select(rows), any_hit, order)
                 offer(search)
                 yield slice(start + rows.start, start + rows.stop) if isinstance(rows, slice) else start + rows, search
 
@@ -178,6 +207,9 @@ class Caster:
     def _find_pencil(self, rays: Rays) -> Pencil | None:
         """The pencil that rays form, if there are enough of them."""
         if self.smallest_pencil is None or len(rays) < self.smallest_pencil:
+            return None
+        if rays.after is not None or rays.departure is not None:
+            # What is drawn is settled without a look at what the rays have left behind.
             return None
         return find_pencil(rays)
 
@@ -259,15 +291,3 @@ def build(scene: Scene, precision: str = "certified", last: Caster | None = None
 
 def _offer_part(view: View, projection: Projection, rows: slice, search: Search) -> None:
     offer_projected(view, projection, search, rows)
-
-
-def _misses(valid: Booleans) -> Hits:
-    count = len(valid)
-    return Hits(
-        distance=np.full(count, np.inf),
-        distance_error=np.zeros(count),
-        instance=np.full(count, -1, np.int32),
-        primitive=np.full(count, -1, np.int32),
-        barycentric=np.zeros((count, 2)),
-        valid=valid,
-    )

@@ -105,6 +105,7 @@ class PlaneDecisions:
     """Takes in candidates of a search's rays and settles or offers them; all, to one that no hit narrows.
 
     best, t_max : (n,) as `Search.best` and the rays' range, in the frame
+    begun : (n,) `Search.surely_begun` in the frame; None where that is the range's begin
     """
 
     def __init__(self, search: Search, planes: Floats) -> None:
@@ -112,6 +113,7 @@ class PlaneDecisions:
         self.search, self.planes = search, planes
         self.lines = np.empty((count, LINE_COLUMNS))
         self.best, self.t_max = np.empty(count), np.empty(count)
+        self.begun = None if search.passed is None else np.empty(count)
         self.pool: list[Measured] = []
 
     def set_rays(self, rows: slice, origin: Floats, direction: Floats, unit: Floats) -> None:
@@ -124,6 +126,8 @@ class PlaneDecisions:
         self.lines[rows] = make_lines(origin, direction, search.t_min[rows] * unit)
         np.multiply(search.rays.t_max[rows], unit, out=self.t_max[rows])
         np.multiply(search.best[rows], unit, out=self.best[rows])
+        if self.begun is not None:
+            np.multiply(search.surely_begun[rows], unit, out=self.begun[rows])
         np.copyto(self.best[rows], np.inf, where=np.isnan(self.best[rows]))
 
     def take_in(self, ray: Indices, triangle: Indices, inside: Booleans) -> Indices:
@@ -160,7 +164,8 @@ class PlaneDecisions:
         # NaN is neither before nor behind.
         possible = np.flatnonzero(~((high < lines[7]) | (low > self.best.take(ray))))
         ray, low, high = ray.take(possible), low.take(possible), high.take(possible)
-        certain = inside.take(possible) & (low >= lines[7].take(possible)) & (high <= self.t_max.take(ray))
+        begun = lines[7].take(possible) if self.begun is None else self.begun.take(ray)
+        certain = inside.take(possible) & (low >= begun) & (high <= self.t_max.take(ray))
         return ray, triangle.take(possible), low, certain, high
 
     def finish(self, settles: bool = True) -> None:

@@ -13,6 +13,7 @@ of them. Three precisions share the path and differ in what they trust:
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,8 +23,10 @@ from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.casting.edges import judge_edges, name_axis_planes, name_meeting_points
 from raytracer.casting.geometry import Ids, Kind
 from raytracer.casting.measure import TURNS, Chosen, gather_lines, gather_turned, measure_hits
+from raytracer.casting.order import Order
+from raytracer.casting.passed import Passed, bound_distances, find_keys
 from raytracer.casting.primitives import Primitives, gather_corners, gather_spheres
-from raytracer.casting.rays import Hits, Rays
+from raytracer.casting.rays import Hits, Rays, make_misses
 from raytracer.predicates import exact, filtered
 from raytracer.predicates.rounding import gamma
 
@@ -48,10 +51,6 @@ class Candidates(NamedTuple):
             self.ray[index], self.primitive_id[index], self.t[index], self.low[index], self.certain[index]
         )
 
-    def sort(self) -> Candidates:
-        """By ray, then by id."""
-        return self.select(np.lexsort((self.primitive_id, self.ray)))
-
 
 def _join(parts: list[Candidates]) -> Candidates:
     return Candidates(*(np.concatenate(column) for column in zip(*parts, strict=True)))
@@ -65,21 +64,35 @@ class Search:
     axis : (n,) int8, the main axis: the one along which the direction is largest
     best : (n,) float64; nothing farther than this can be the answer. Starts at t_max; -inf once an any-hit ray is
         decided. Traversal culls with it.
+    t_min : (n,) float64; nothing nearer than this can be the answer
+    surely_begun : (n,) float64; from there on, all that is hit counts: accelerators that settle, or lower the best,
+        without an offer go by this
+    order : of surfaces at one place; None: by their ids
+    passed : what the rays have left behind; None where they all start afresh
     """
 
     closed = True
     narrows = True
 
-    def __init__(self, primitives: Primitives, rays: Rays, any_hit: bool) -> None:
+    def __init__(self, primitives: Primitives, rays: Rays, any_hit: bool, order: Order | None = None) -> None:
         self.primitives = primitives
         self.rays = rays
         self.any_hit = any_hit
+        self.order = order
         self.certified = primitives.precision == "certified"
         self.axis = _main_axis(rays.directions)
         self.axes = np.flatnonzero(np.bincount(self.axis, minlength=3)).tolist()
-        self.t_min = np.maximum(rays.t_min, 0.0)
+        self.t_min = self.surely_begun = np.maximum(rays.t_min, 0.0)
+        self.passed: Passed | None = None
+        if rays.after is not None or rays.departure is not None:
+            self.passed = Passed(primitives, rays, order)
+            self.t_min = np.maximum(self.t_min, self.passed.low)
+            # In plain precisions an accelerator may measure otherwise than an offer: nothing is sure.
+            gate = self.passed.gate if self.certified else np.where(self.passed.gate >= 0, np.inf, -np.inf)
+            self.surely_begun = np.maximum(self.t_min, np.nextafter(gate, np.inf))
         self.best = np.where(self.t_min <= rays.t_max, rays.t_max, -np.inf)
         self.best_id = np.full(len(rays), NO_ID)
+        self.tied = np.zeros(len(rays), dtype=np.bool_) if order is not None else None
         self.pool: list[Candidates] = []
         self.settled: list[Candidates] = []
         self.exact_count = 0
@@ -123,6 +136,8 @@ class Search:
 
         Overflow shows as infinity or NaN, of which nothing is certain.
         """
+        if self.passed is not None:
+            ray, primitive_id = self.passed.leave_out_met(ray, primitive_id)
         changed = [self._offer_turned(ray[part], primitive_id[part], axis) for axis, part in self._by_axis(ray)]
         return np.concatenate(changed) if changed else ray[:0]
 
@@ -162,9 +177,14 @@ class Search:
         roots = filtered.intersect_sphere_certified(lines[3:6], centre - lines[:3], radius)
         t_min = self.t_min[ray]
         if not self.certified:
-            t = np.where(roots.near >= t_min, roots.near, roots.far)
+            left = ~(roots.near >= t_min)
+            if self.passed is not None:
+                left |= self.passed.find_left(ray, primitive_id, roots.near, 0.0 * roots.near, roots.far)
+            t = np.where(left, roots.far, roots.near)
             return self._accept(ray, primitive_id, np.where(roots.discriminant >= 0, t, np.nan))
         passed = roots.near + roots.error < t_min  # the first root lies before the range beyond doubt
+        if self.passed is not None:
+            passed |= self.passed.find_left(ray, primitive_id, roots.near, roots.error, roots.far)
         t = np.where(passed, roots.far, roots.near)
         sure = roots.discriminant > roots.discriminant_error
         possible = ~(roots.discriminant < -roots.discriminant_error)
@@ -172,9 +192,12 @@ class Search:
         return self._weigh(ray, primitive_id, t, roots.error, sure, possible)
 
     def _accept(self, ray: Indices, primitive_id: Ids, t: Floats) -> Indices:
-        """Plain precisions: believe t (NaN = no hit); nearest first, then the lowest id."""
+        """Plain precisions: believe t (NaN = no hit); nearest first, then the lowest key."""
         index = np.flatnonzero((t >= self.t_min[ray]) & (t <= self.best[ray]))
         ray, primitive_id, t = ray[index], primitive_id[index], t[index].astype(np.float64)
+        if self.passed is not None:
+            index = np.flatnonzero(~self.passed.judge(ray, primitive_id, t, t, None).out)
+            ray, primitive_id, t = ray[index], primitive_id[index], t[index]
         if self.any_hit:
             self.best_id[ray], self.best[ray] = primitive_id, -np.inf
             return ray
@@ -183,8 +206,27 @@ class Search:
         nearer = self.best[ray] < before
         self.best_id[ray[nearer]] = NO_ID
         winner = t == self.best[ray]
-        np.minimum.at(self.best_id, ray[winner], primitive_id[winner])
+        self._keep_first(ray[winner], primitive_id[winner])
         return ray
+
+    def _keep_first(self, ray: Indices, primitive_id: Ids) -> None:
+        """Let the one of the lowest key stand among primitives that are at their rays' best distance."""
+        if self.order is None:
+            np.minimum.at(self.best_id, ray, primitive_id)
+            return
+        known = np.flatnonzero(self.best_id[ray] != NO_ID)
+        ray = np.concatenate([ray[known], ray])
+        primitive_id = np.concatenate([self.best_id[ray[: len(known)]], primitive_id])
+        sorted_ = self._sort_by_key(ray, primitive_id)
+        first = sorted_[_runs(ray[sorted_])[:, 0]]
+        self.best_id[ray[first]] = primitive_id[first]
+
+    def _sort_by_key(self, ray: Indices, primitive_id: Ids) -> Indices:
+        """The order of pairs by ray, then by key, then by id."""
+        if self.order is None:
+            return np.lexsort((primitive_id, ray))
+        directions = self.rays.directions.take(ray, axis=0)
+        return np.lexsort((primitive_id, find_keys(self.primitives, self.order, directions, primitive_id), ray))
 
     def _weigh(
         self, ray: Indices, primitive_id: Ids, t: Floats, error: Floats, inside: Booleans, possible: Booleans
@@ -195,7 +237,10 @@ class Search:
         in_doubt = np.isnan(low) | np.isnan(high)
         low[in_doubt], high[in_doubt] = -np.inf, np.inf
         possible &= ~((high < self.t_min[ray]) | (low > self.best[ray]))
-        certain = possible & inside & (low >= self.t_min[ray]) & (high <= self.rays.t_max[ray])
+        begun = low >= self.t_min[ray]
+        if self.passed is not None:
+            self._weigh_near(ray, primitive_id, low, high, possible, begun)
+        certain = possible & inside & begun & (high <= self.rays.t_max[ray])
         if self.any_hit:
             self.best[ray[certain]], self.best_id[ray[certain]] = -np.inf, primitive_id[certain]
             possible &= ~certain
@@ -203,6 +248,30 @@ class Search:
             np.minimum.at(self.best, ray[certain], high[certain])
         self.pool.append(Candidates(ray, primitive_id, t, low, certain).select(np.flatnonzero(possible)))
         return ray[certain]
+
+    def _weigh_near(
+        self, ray: Indices, primitive_id: Ids, low: Floats, high: Floats, possible: Booleans, begun: Booleans
+    ) -> None:
+        """Strike out of `possible` the candidates that lie behind the rays, and out of `begun` those that may."""
+        assert self.passed is not None
+        near = np.flatnonzero(possible & ~(low > self.passed.gate[ray]))
+        if not len(near):
+            return
+        ray, primitive_id, low, high = ray[near], primitive_id[near], low[near], high[near]
+        level = self._find_level(ray, primitive_id, (low <= self.passed.high[ray]) & (high >= self.passed.low[ray]))
+        verdict = self.passed.judge(ray, primitive_id, low, high, level)
+        possible[near] &= ~verdict.out
+        # What lies level with the last hit is in the ray's range as that was.
+        begun[near] = (begun[near] | level) & ~verdict.doubtful
+
+    def _find_level(self, ray: Indices, primitive_id: Ids, near: Booleans) -> Booleans:
+        """(k,) True for those of the candidates `near` that surely lie at the distance of what was met last."""
+        assert self.passed is not None
+        level, rows = np.zeros(len(ray), dtype=np.bool_), np.flatnonzero(near)
+        ray, primitive_id, last = ray[rows], primitive_id[rows], self.passed.met[ray[rows]]
+        for name, other in zip(self._name_places(ray, primitive_id), self._name_places(ray, last), strict=True):
+            level[rows] |= (name == other).all(axis=0)
+        return level
 
     def _remaining(self) -> Candidates:
         """The pool's candidates that are still possible."""
@@ -217,7 +286,7 @@ class Search:
         found = self.best_id != NO_ID
         if self.certified:
             left = self._remaining()
-            left = left.select(np.flatnonzero(~found[left.ray])).sort()  # a certain hit leaves no doubt
+            left = self._sort(left.select(np.flatnonzero(~found[left.ray])))  # a certain hit leaves no doubt
             for start, stop in _runs(left.ray):
                 found[left.ray[start]] = self._decide(left, start, stop).chosen >= 0
         return found
@@ -226,14 +295,7 @@ class Search:
     def closest(self) -> Hits:
         """The closest hit of each ray."""
         count = len(self.rays)
-        hits = Hits(
-            distance=np.full(count, np.inf),
-            distance_error=np.zeros(count),
-            instance=np.full(count, -1, np.int32),
-            primitive=np.full(count, -1, np.int32),
-            barycentric=np.zeros((count, 2)),
-            valid=np.ones(count, dtype=bool),
-        )
+        hits = make_misses(np.ones(count, dtype=bool))
         if self.certified:
             self._close_certified()
         else:
@@ -242,14 +304,28 @@ class Search:
             self.settled.append(Candidates(ray, self.best_id[ray], t, t, np.ones(len(ray), bool)))
         if self.settled:
             self._measure(hits, _join(self.settled))
-        return hits
+        return hits if self.tied is None else replace(hits, tied=self._find_tied(hits))
+
+    def _find_tied(self, hits: Hits) -> Booleans:
+        """(n,) False where nothing else lies at the distance of the hit, nor where its ray starts."""
+        if not self.certified:
+            return hits.hit
+        assert self.tied is not None
+        if self.passed is not None:
+            self.tied |= bound_distances(hits)[0] <= self.passed.gate
+        return self.tied & hits.hit
+
+    def _sort(self, candidates: Candidates) -> Candidates:
+        return candidates.select(self._sort_by_key(candidates.ray, candidates.primitive_id))
 
     def _close_certified(self) -> None:
         """Choose the first of each ray's candidates that are left."""
         left = self._remaining()
         alone = np.bincount(left.ray, minlength=len(self.rays)).take(left.ray) == 1
+        if self.tied is not None:
+            self.tied[left.ray[~alone]] = True
         clear = left.certain & alone
-        decided = self._choose(left.select(np.flatnonzero(~clear)).sort())
+        decided = self._choose(self._sort(left.select(np.flatnonzero(~clear))))
         self.settled += [left.select(np.flatnonzero(clear)), decided]
 
     def _choose(self, left: Candidates) -> Candidates:
@@ -280,38 +356,45 @@ class Search:
         first_member = np.searchsorted(member, np.repeat(first, size)[member])
         together = np.repeat(size == 1, size)
         together[member] = False
-        for name in self._name_places(left.select(member)):
+        for name in self._name_places(left.ray[member], left.primitive_id[member]):
             together[member] |= (name == name[:, first_member]).all(axis=0)
         return certain & np.logical_and.reduceat(together, first)
 
-    def _name_places(self, candidates: Candidates) -> tuple[Floats, Floats]:
-        """`edges.name_meeting_points` (6, k) and `edges.name_axis_planes` (2, k) of candidates; NaN for spheres."""
-        points, planes = np.full((6, len(candidates.ray)), np.nan), np.full((2, len(candidates.ray)), np.nan)
-        triangle = np.flatnonzero(self.primitives.geometry.is_kind(candidates.primitive_id, Kind.TRIANGLE))
-        ray, primitive_id = candidates.ray[triangle], candidates.primitive_id[triangle]
+    def _name_places(self, ray: Indices, primitive_id: Ids) -> tuple[Floats, ...]:
+        """Names, (rows, k) each, of where k rays meet primitives, by which exactly equal distances are recognised: a
+        corner or edge, an axis plane (`edges`), or the whole triangle; NaN where there is none, and for spheres."""
+        points, planes, triangles = (np.full((rows, len(ray)), np.nan) for rows in (6, 2, 9))
+        triangle = np.flatnonzero((primitive_id >= 0) & self.primitives.geometry.is_kind(primitive_id, Kind.TRIANGLE))
+        ray, primitive_id = ray[triangle], primitive_id[triangle]
         for axis, part in self._by_axis(ray):
             corners = gather_turned(self.primitives, primitive_id[part], axis)
             points[:, triangle[part]] = name_meeting_points(
                 gather_lines(self.primitives, self.rays, ray[part], axis), corners
             )
             planes[:, triangle[part]] = name_axis_planes(corners)
-        return points, planes
+            triangles[:, triangle[part]] = corners.reshape(9, -1)
+        return points, planes, triangles
 
     def _decide(self, left: Candidates, start: int, stop: int) -> exact.ExactHit:
-        """Settle one ray's candidates in integers."""
+        """Settle one ray's candidates, sorted by key, in integers."""
         self.exact_count += 1
         ray, primitive_id = left.ray[start], left.primitive_id[start:stop]
-        triangle = self.primitives.geometry.is_kind(primitive_id, Kind.TRIANGLE)
-        corners = gather_corners(self.primitives, primitive_id[triangle]).T.reshape(-1, 3, 3)
-        centre, radius = gather_spheres(self.primitives, primitive_id[~triangle])
-        return exact.closest_candidate(
+        is_sphere = ~self.primitives.geometry.is_kind(primitive_id, Kind.TRIANGLE)
+        rank = np.argsort(is_sphere, kind="stable")  # triangles come first there
+        primitive_id, triangles = primitive_id[rank], len(rank) - int(is_sphere.sum())
+        corners = gather_corners(self.primitives, primitive_id[:triangles]).T.reshape(-1, 3, 3)
+        centre, radius = gather_spheres(self.primitives, primitive_id[triangles:])
+        decision = exact.closest_candidate(
             self.rays.origins[ray].tolist(),
             self.rays.directions[ray].tolist(),
             float(self.t_min[ray]),
             float(self.rays.t_max[ray]),
             corners,
             np.vstack([centre, radius]).T,
+            rank.tolist(),
+            exact.NOTHING_BEHIND if self.passed is None else self.passed.describe(ray, primitive_id),
         )
+        return decision if decision.chosen < 0 else decision._replace(chosen=int(rank[decision.chosen]))
 
 
 def _main_axis(directions: Floats) -> NDArray[np.int8]:

@@ -7,7 +7,7 @@ lies on an object.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,14 +16,21 @@ from numpy.typing import ArrayLike
 from raytracer.arrays.checks import as_array
 from raytracer.arrays.rows import take_rows
 from raytracer.arrays.types import Booleans, Floats, Integers, Numbers, Pairs, Vectors
+from raytracer.casting.order import Departure, join_departures
 
 Record = TypeVar("Record")
 
 
-def _select_rows(record: Record, rows: Any) -> Record:
-    """Return the record with every array cut down to `rows`; None stays None."""
-    arrays = (getattr(record, item.name) for item in fields(record))  # type: ignore[arg-type]
-    return type(record)(*(None if array is None else take_rows(array, rows) for array in arrays))
+def select_rows(record: Record, rows: Any) -> Record:
+    """Return the record with every array, and every record in it, cut down to `rows`; None stays None."""
+    values = (getattr(record, item.name) for item in fields(record))  # type: ignore[arg-type]
+    return type(record)(*(_select(value, rows) for value in values))
+
+
+def _select(value: Any, rows: Any) -> Any:
+    if value is None:
+        return None
+    return take_rows(value, rows) if isinstance(value, np.ndarray) else value.select(rows)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -33,19 +40,32 @@ class Rays:
     origins : (n, 3) float64, metres, world
     directions : (n, 3) float64, any length; t counts in units of that length
     t_min, t_max : (n,) float64; a t_min below 0 counts as 0
+    after : what the rays have met before, misses where nothing: they go on behind it, in the order of `order`; or None
+    departure : the places that the rays start from, where other surfaces may be; or None
     """
 
     origins: Vectors
     directions: Vectors
     t_min: Numbers
     t_max: Numbers
+    after: Hits | None = None
+    departure: Departure | None = None
 
     def __len__(self) -> int:
         return len(self.origins)
 
     def select(self, rows: Any) -> Rays:
         """Return some of the rays: index or boolean array."""
-        return _select_rows(self, rows)
+        return select_rows(self, rows)
+
+    def find_fresh(self) -> Booleans:
+        """(n,) True where the ray has met nothing before, and starts from no place."""
+        fresh = np.ones(len(self), dtype=np.bool_)
+        if self.after is not None:
+            fresh &= ~self.after.hit
+        if self.departure is not None:
+            fresh &= self.departure.reach < 0
+        return fresh
 
     def valid(self) -> Booleans:
         """(n,) True where the ray is finite, its direction not zero and its range not NaN."""
@@ -93,7 +113,19 @@ def join_rays(parts: Sequence[Rays]) -> Rays:
     """Return the rays of several records as one, in order."""
     if not parts:
         return Rays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
-    return Rays(*(np.concatenate([getattr(part, name) for part in parts]) for name in Rays.__slots__))
+    origins, directions, t_min, t_max = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("origins", "directions", "t_min", "t_max")
+    )
+    departure = join_departures([part.departure for part in parts], [len(part) for part in parts])
+    return Rays(origins, directions, t_min, t_max, _join_after(parts), departure)
+
+
+def _join_after(parts: Sequence[Rays]) -> Hits | None:
+    if all(part.after is None for part in parts):
+        return None
+    hits = [part.after or make_misses(np.ones(len(part), dtype=np.bool_)) for part in parts]
+    names = [item.name for item in fields(Hits) if item.name != "tied"]
+    return Hits(*(np.concatenate([getattr(part, name) for part in hits]) for name in names))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -108,6 +140,7 @@ class Hits:
     primitive : (n,) int32, triangle of the mesh or sphere of the group; -1 = miss
     barycentric : (n, 2) float64, weights of the triangle's corners 1 and 2; 0 for spheres and misses
     valid : (n,) bool, False for NaN, infinite or zero-direction rays, which miss
+    tied : (n,) bool, False where nothing else lies at the same distance beyond doubt; None where nobody asks
     """
 
     distance: Numbers
@@ -116,15 +149,43 @@ class Hits:
     primitive: Integers
     barycentric: Pairs
     valid: Booleans
+    tied: Booleans | None = None
 
     def __len__(self) -> int:
         return len(self.distance)
 
     def select(self, rows: Any) -> Hits:
         """Return some of the hits: index or boolean array."""
-        return _select_rows(self, rows)
+        return select_rows(self, rows)
 
     @property
     def hit(self) -> Booleans:
         """(n,) bool, True where the ray hit something."""
         return self.primitive >= 0
+
+    def put(self, rows: Any, other: Hits) -> None:
+        """Overwrite some of the hits: index, slice or boolean array."""
+        for item in fields(self):
+            target = getattr(self, item.name)
+            if target is not None:
+                target[rows] = getattr(other, item.name)
+
+    def forget(self, rows: Any) -> Hits:
+        """Return the hits, some of them misses."""
+        kept = replace(self, instance=self.instance.copy(), primitive=self.primitive.copy(), tied=None)
+        kept.instance[rows] = kept.primitive[rows] = -1
+        return kept
+
+
+def make_misses(valid: Booleans, tied: bool = False) -> Hits:
+    """Return the hits of rays, `valid` (n,) or not, that hit nothing; tied : whether anybody asks for that."""
+    count = len(valid)
+    return Hits(
+        distance=np.full(count, np.inf),
+        distance_error=np.zeros(count),
+        instance=np.full(count, -1, np.int32),
+        primitive=np.full(count, -1, np.int32),
+        barycentric=np.zeros((count, 2)),
+        valid=valid,
+        tied=np.zeros(count, dtype=np.bool_) if tied else None,
+    )

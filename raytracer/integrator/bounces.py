@@ -18,7 +18,7 @@ from raytracer.arrays.rows import sum_columns
 from raytracer.arrays.types import Booleans, Counts, Floats, Kinds, Masks
 from raytracer.bsdfs.bounce_kinds import COUNTED, DIFFUSE, STRAIGHT, TRANSMITTED
 from raytracer.integrator.settings import Settings
-from raytracer.scene.fields import SEEN_BY
+from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 
 # So many bounces of a path are not left to chance.
 CERTAIN_BOUNCES = 1
@@ -55,3 +55,17 @@ CLASS_OF_KIND = np.array([_class_of_kind(kind) for kind in range(16)], dtype=np.
 def classify_rays(kind: Kinds) -> Masks:
     """Return the class (n,), a bit of SEEN_BY, of rays whose last bounce was of a `kind` (n,)."""
     return CLASS_OF_KIND[kind]
+
+
+# Rays of each kind meet lights and the world if those are seen by all these classes: unlike objects, Cycles hides them
+# from diffusely transmitted rays by either flag (kernel/light/common.h).
+CLASSES_OF_KIND = np.array(
+    [_class_of_kind(kind) | (SEEN_BY["diffuse"] if kind & DIFFUSE else 0) for kind in range(16)], dtype=np.uint8
+)
+
+
+def meet_lights(kind: Kinds, seen_by: int) -> Booleans:
+    """Return (n,) True for rays, by the `kind` (n,) of their last bounce, that meet a light or the world of `seen_by`,
+    bits of SEEN_BY."""
+    met: Booleans = (CLASSES_OF_KIND[kind] & np.uint8(SEEN_BY_ALL - seen_by)) == 0
+    return met

@@ -13,7 +13,7 @@ from raytracer.arrays.rows import mean_column
 from raytracer.arrays.types import Floats
 from raytracer.bsdfs.bounce_kinds import describe_kinds
 from raytracer.casting.rays import Hits
-from raytracer.integrator.bounces import classify_rays
+from raytracer.integrator.bounces import meet_lights
 from raytracer.integrator.clamping import clamp_met
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.paths import PathPasses, Paths, Wave
@@ -23,15 +23,14 @@ from raytracer.lights.environment import Environment, environment_density, evalu
 from raytracer.lights.lights import evaluate_light
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import power_heuristic
+from raytracer.scene.fields import SEEN_BY_ALL
 from raytracer.scene.lights import Light
 from raytracer.shading.occlusion import Probe
-from raytracer.shading.site import LightPath
+from raytracer.shading.site import FARTHEST, LightPath, put_further
 from raytracer.surfaces.surface import Surface
 
 # Cycles' default: Normal, UV, Depth and so on belong to the first surface at least this opaque.
 OPAQUE_ENOUGH = 0.5
-# How far rays go that hit nothing, as programs of worlds see it: Cycles' largest number.
-FARTHEST = float(np.finfo(np.float32).max)
 
 
 def add_background(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> None:
@@ -52,8 +51,10 @@ def see_background(integrator: Integrator, background: Environment, paths: Paths
     directions = paths.rays.directions
     sampled = environment_density(background, paths.scatter_normal, directions)
     share = power_heuristic(paths.density, sampled)[:, np.newaxis]
-    path = describe_rays(paths, FARTHEST) if background.program is not None else None
+    path = put_further(describe_rays(paths, FARTHEST)) if background.program is not None else None
     radiance = evaluate_environment(background, directions, path)
+    if background.seen_by != SEEN_BY_ALL:
+        share *= meet_lights(paths.kind, background.seen_by)[:, np.newaxis]
     return clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
 
 
@@ -65,12 +66,12 @@ def add_visible_lights(integrator: Integrator, passes: PathPasses, paths: Paths,
 
 def add_visible_light(integrator: Integrator, light: Light, passes: PathPasses, paths: Paths, hits: Hits) -> None:
     """Add what rays see of one light; the directions of camera rays may have any length."""
-    rows = np.flatnonzero(classify_rays(paths.kind) & light.seen_by)
+    rows = np.flatnonzero(meet_lights(paths.kind, light.seen_by))
     paths = paths.select(rows)
     unit = length(paths.rays.directions)
     seen = evaluate_light(light, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
-    reach = paths.travelled + hits.distance[rows] * unit
-    passed = (seen.density > 0) & (paths.travelled <= seen.distance) & (seen.distance <= reach)
+    begun = (paths.travelled < seen.distance) | (paths.travelled == 0)
+    passed = (seen.density > 0) & begun & (seen.distance <= hits.distance[rows] * unit)
     if integrator.links is not None:
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
     share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
@@ -97,7 +98,7 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     rows = direct[~passes.found[paths.row[direct]]]
     row = paths.row[rows]
     stretch = wave.hits.distance[rows] * length(paths.rays.directions[rows])
-    passes.set("Depth", row, (paths.travelled[rows] + stretch) / passes.depth_unit[row])
+    passes.set("Depth", row, stretch / passes.depth_unit[row])
     passes.set("Position", row, surface.position[rows])
     passes.set("Object Index", row, integrator.pass_index[surface.instance[rows]])
     passes.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
@@ -155,12 +156,13 @@ def describe_path(
 def describe_rays(paths: Paths, distance: Floats | float) -> LightPath:
     """Return what programs can ask of rays that go for a distance (n,), in units of their directions' lengths."""
     unit = length(paths.rays.directions)
-    stretch = distance * unit
+    travelled = distance * unit
     return LightPath(
         {
             **describe_kinds(paths.kind, paths.bounces),
-            "length": stretch - paths.rays.t_min * unit,
-            "travelled": paths.travelled + stretch,
+            # From the last bounce, or the camera's near clip, also where the ray has passed surfaces straight.
+            "length": travelled - paths.rays.t_min * unit,
+            "travelled": travelled,
             "transparent_depth": paths.passages.astype(np.float64),
         }
     )

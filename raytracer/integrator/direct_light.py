@@ -12,16 +12,18 @@ from dataclasses import replace
 import numpy as np
 
 from raytracer.arrays.rows import any_column, take_rows
-from raytracer.arrays.types import Floats, Indices
+from raytracer.arrays.types import Floats, Indices, Masks
+from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.bsdf import evaluate_bsdf, evaluate_diffuse, evaluate_lobes, includes_diffuse
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Rays
-from raytracer.integrator.light_sources import LightSource, ShadingPoints
+from raytracer.integrator.light_sources import OTHER, LightSource, ShadingPoints
 from raytracer.integrator.shadow_rays import ShadowRays
+from raytracer.lecture import length
 from raytracer.lights.light_shapes import LightSamples
 from raytracer.sampling.warps import power_heuristic
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
-from raytracer.surfaces.surface import Surface, spawn_origin
+from raytracer.surfaces.surface import depart
 
 
 def sample_lights(
@@ -44,27 +46,58 @@ def sample_lights(
     shadow_rays = []
     for source in sources:
         found = source.sample(replace(points, sampler=points.sampler.skip(source.dimension)))
-        light = reflect_light(points.shading, probabilities, found.light, source.seen_by) * throughput
+        seen_by = source.seen_by if found.seen_by is None else found.seen_by
+        reflect = reflect_seen if source.cast_as == SEEN_BY["shadow"] else reflect_as_rays
+        light = reflect(points.shading, probabilities, found.light, seen_by) * throughput
         lit = np.flatnonzero((found.light.density > 0) & any_column(light > 0))
-        rays = _aim(points.surface, found.light, lit) if source.cast_shadow or all_rays else None
-        passages, key = points.passages[lit], found.key[lit]
+        lifts = source.kind != OTHER
+        rays = _aim(points, found.light, lit, lifts) if source.cast_shadow or all_rays else None
+        depths, key = points.depths.select(lit), found.key[lit]
         light = take_rows(light, lit)
-        shadow_rays.append(ShadowRays(row[lit], light, key, passages, rays, source.unstopped, source.chance))
+        how = (source.unstopped, source.cast_as)
+        shadow_rays.append(ShadowRays(row[lit], light, key, depths, rays, *how, chance=source.chance))
     return shadow_rays
 
 
-def _aim(surface: Surface, light: LightSamples, rows: Indices) -> Rays:
+def _aim(points: ShadingPoints, light: LightSamples, rows: Indices, lifts: bool) -> Rays:
     """Return shadow rays from some of the points: to the light's target, if it has one, so that rays which share it end
-    at the same point to the last place."""
-    direction, reach = light.direction.take(rows, axis=0), light.distance.take(rows)
-    origins = spawn_origin(surface.select(rows), direction)
+    at the same point to the last place.
+
+    lifts : False for rays that take the place of reflected ones, which start on the surface
+    """
+    surface = points.surface.select(rows)
+    direction, reach, target = light.direction.take(rows, axis=0), light.distance.take(rows), None
     if light.target is not None and light.reach is not None:
-        direction, reach = light.target.take(rows, axis=0) - origins, light.reach.take(rows)
-    return Rays(origins, direction, np.zeros(len(rows)), reach)
+        target, reach = light.target.take(rows, axis=0), light.reach.take(rows)
+    if points.lift is None or not lifts:
+        return depart(surface, direction, reach, target)
+    shading = points.shading
+    normal, geometric = take_rows(shading.normal, rows), take_rows(shading.geometric_normal, rows)
+    lifted = points.lift(surface, normal, geometric, direction)
+    if target is None and len(lifted.rows):
+        # From higher up the same point lies in another direction; not so what is infinitely far away.
+        near = np.isfinite(reach[lifted.rows])
+        way = direction[lifted.rows[near]] * reach[lifted.rows[near], np.newaxis] - lifted.offset[near]
+        reach[lifted.rows[near]] = length(way)
+        direction[lifted.rows[near]] = normalize(way)
+    position = surface.position.copy()
+    position[lifted.rows] += lifted.offset
+    return depart(dataclasses.replace(surface, position=position), direction, reach, target)
 
 
 # The classes of rays that no surface reflects.
 UNREFLECTED = SEEN_BY["camera"] | SEEN_BY["shadow"]
+
+
+def reflect_seen(shading: Shading, probabilities: Floats, light: LightSamples, seen_by: Masks | int) -> Floats:
+    """Return what `reflect_light` does where `seen_by` may differ from point to point, (n,)."""
+    if isinstance(seen_by, int):
+        return reflect_light(shading, probabilities, light, seen_by)
+    value = np.zeros((len(shading), 3))
+    for mask in np.unique(seen_by):
+        rows = seen_by == mask
+        value[rows] = reflect_light(shading, probabilities, light, int(mask))[rows]
+    return value
 
 
 def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples, seen_by: int = SEEN_BY_ALL) -> Floats:
@@ -87,10 +120,29 @@ def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples, 
     return value
 
 
+def reflect_as_rays(shading: Shading, probabilities: Floats, light: LightSamples, ray_class: Masks | int) -> Floats:
+    """Return (n, 3) what points send back of samples of a light that reflected rays of one class bring, in the share
+    that those leave to light sampling.
+
+    A reflected ray brings the light of all parts, whichever part it was sampled by: f p_k / p of it comes by those of
+    class k, with p_k their part of the density p. Where diffuse reflection is not followed, each part brings its own.
+    """
+    assert isinstance(ray_class, int)
+    if not includes_diffuse(shading, probabilities):
+        return reflect_light(shading, probabilities, light, ray_class)
+    part, own = _leave_out_hidden(shading, probabilities, ray_class)
+    whole, density = evaluate_bsdf(shading, probabilities, light.direction)
+    value, own_density = evaluate_bsdf(part, own, light.direction)
+    followed = np.flatnonzero(probabilities[:, 1 + len(shading.lobes) :].any(axis=1) & (density > 0))
+    value[followed] = whole[followed] * (own_density[followed] / density[followed])[:, np.newaxis]
+    return value * power_heuristic(light.density, density)[:, np.newaxis] * light.weight
+
+
 def _leave_out_hidden(shading: Shading, probabilities: Floats, seen_by: int) -> tuple[Shading, Floats]:
     """Return only the parts that belong to the classes of rays in `seen_by`, and how often they are taken.
 
-    A part that both reflects and transmits goes only where neither is left, as in Cycles.
+    A part that both reflects and transmits goes only where neither is left, and diffuse transmission with diffuse
+    reflection, as in Cycles.
     """
     probabilities, first = probabilities.copy(), 1 + len(shading.lobes)
     kept = []
@@ -104,7 +156,7 @@ def _leave_out_hidden(shading: Shading, probabilities: Floats, seen_by: int) -> 
         diffuse = np.zeros_like(diffuse)
         probabilities[:, first : first + 1] = 0.0
     for column, part in enumerate(shading.tilted, start=first + 1):
-        if not seen_by & SEEN_BY["transmission" if part.transmits else "diffuse"]:
+        if not seen_by & SEEN_BY["diffuse"]:
             part = dataclasses.replace(part, albedo=np.zeros_like(part.albedo))
             probabilities[:, column : column + 1] = 0.0
         tilted.append(part)

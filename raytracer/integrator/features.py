@@ -15,7 +15,7 @@ from raytracer.scene.lights import World
 from raytracer.scene.materials import Closure
 from raytracer.scene.programs import Register
 from raytracer.scene.scene import Scene
-from raytracer.shading.evaluate import casts_rays
+from raytracer.shading.evaluate import casts_rays, reads_light_path
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
 SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
@@ -38,6 +38,7 @@ class Features:
     light_linking : a light, or an emissive object, lights some objects only
     ray_visibility : an object is hidden from some rays
     programs : a parameter of a material is computed at each point
+    light_path : a program of a material asks how the ray came
     occlusion : a program casts rays
     """
 
@@ -54,6 +55,7 @@ class Features:
     light_linking: bool
     ray_visibility: bool
     programs: bool
+    light_path: bool
     occlusion: bool
 
 
@@ -131,5 +133,6 @@ def derive_features(scene: Scene) -> Features:
         or (scene.instances is not None and bool((scene.instances.receivers != ALL_SETS).any())),
         ray_visibility=hides,
         programs=any(closure.registers or closure.vectors for closure in closures),
+        light_path=any(reads_light_path(material.program) for material in scene.materials),
         occlusion=any(casts_rays(material.program) for material in scene.materials),
     )

@@ -30,7 +30,7 @@ from raytracer.film.camera import primary_rays
 from raytracer.integrator.bounces import classify_rays, find_ended
 from raytracer.integrator.contributions import add_background, add_emission, add_visible_lights, describe_path
 from raytracer.integrator.direct_light import sample_lights
-from raytracer.integrator.integrator import Integrator, light_is_on, prepare
+from raytracer.integrator.integrator import Integrator, find_lift, light_is_on, prepare
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
 from raytracer.integrator.loop import find_closed
 from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
@@ -53,7 +53,8 @@ from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.scene import Scene
 from raytracer.shading.materials import find_transparency, make_shading
-from raytracer.surfaces.surface import Surface, make_surface, spawn_origin
+from raytracer.shading.site import Depths
+from raytracer.surfaces.surface import Surface, make_surface
 
 # A tree has so many rays at most, and none that counts less in the picture: more, the eye could not tell apart.
 MOST_RAYS = 64
@@ -153,7 +154,13 @@ def trace_tree(inspector: Inspector, rays: Rays) -> list[TracedRay]:
 def start_ray(step: Step) -> TracedRay:
     """Return the record of a ray that has seen nothing."""
     rays = step.path.rays
-    return TracedRay(step.kind, step.parent, rays.origins[0], rays.directions[0], step.weight, np.zeros(3))
+    origin = rays.origins[0] + find_start(rays) * rays.directions[0]
+    return TracedRay(step.kind, step.parent, origin, rays.directions[0], step.weight, np.zeros(3))
+
+
+def find_start(rays: Rays) -> float:
+    """Return t where one ray goes on behind what it has passed straight; 0 where it has not."""
+    return float(rays.after.distance[0]) if rays.after is not None and rays.after.hit[0] else 0.0
 
 
 Branch = tuple[str, Paths, Floats]  # kind, the path that goes on, its weight (3,)
@@ -201,9 +208,9 @@ def describe_hit(caster: Caster, rays: Rays, hits: Hits, surface: Surface, shadi
         ahead = roots[roots >= rays.t_min[0]]
         lecture_distance = float(ahead[0]) if len(ahead) else np.nan
     return Hit(
-        distance=float(hits.distance[0]),
+        distance=float(hits.distance[0]) - find_start(rays),
         distance_error=float(hits.distance_error[0]),
-        lecture_distance=lecture_distance,
+        lecture_distance=lecture_distance - find_start(rays),
         instance=int(hits.instance[0]),
         primitive=int(hits.primitive[0]),
         material=int(surface.material[0]),
@@ -235,7 +242,8 @@ def trace_shadows(inspector: Inspector, wave: Wave) -> Iterator[Shadow]:
     """Yield a shadow ray to each source of light of which the surface sends anything back."""
     integrator = inspector.integrator
     sampler = Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
-    points = ShadingPoints(wave.surface, wave.shading, wave.paths.passages, sampler)
+    depths = Depths(wave.paths.passages, wave.paths.bounces)
+    points = ShadingPoints(wave.surface, wave.shading, depths, sampler, find_lift(integrator))
     # Nothing but light sampling brings this light: no other way to its directions has a probability.
     probabilities = np.zeros((1, 1 + len(wave.shading.lobes)))
     row = np.zeros(1, np.intp)
@@ -288,18 +296,16 @@ class Blocker(NamedTuple):
 
 def find_blocker(integrator: Integrator, rays: Rays) -> Blocker | None:
     """Return the first surface on a shadow ray that lets nothing through, or the last there is; None where none is."""
-    blocker, travelled = None, 0.0
+    blocker = None
     while True:
         hits = integrator.cast(rays, classify_shadows(rays))
         if not hits.hit[0]:
             return blocker
-        blocker = Blocker(int(hits.instance[0]), int(hits.primitive[0]), travelled + float(hits.distance[0]))
+        blocker = Blocker(int(hits.instance[0]), int(hits.primitive[0]), float(hits.distance[0]))
         surface = make_surface(integrator.tables, rays, hits)
         if not find_transparency(integrator.materials, surface).any():
             return blocker
-        travelled += float(hits.distance[0])
-        origins, reach = spawn_origin(surface, rays.directions), np.maximum(rays.t_max - hits.distance, 0.0)
-        rays = Rays(origins, rays.directions, np.zeros(1), reach)
+        rays = replace(rays, after=hits)
 
 
 # Branches -------------------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Booleans
+from raytracer.arrays.types import Booleans, Masks
 from raytracer.casting.ray_visibility import Cast, RayCaster, SceneCaster, make_cast
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.passes import PASSES
@@ -40,7 +40,9 @@ from raytracer.shading.computed import list_scene_attributes
 from raytracer.shading.materials import MaterialTable, find_radiance, make_material_table
 from raytracer.shading.occlusion import OcclusionTest, make_occlusion_test
 from raytracer.shading.site_tables import make_site_tables
+from raytracer.surfaces.places import make_order
 from raytracer.surfaces.surface_tables import SurfaceTables, make_surface_tables
+from raytracer.surfaces.terminator import Lift, Terminator, lift_points, make_terminator
 
 # What programs of materials that ask for the picture's size get where there is none.
 DEFAULT_RESOLUTION = (1000, 1000)
@@ -65,6 +67,8 @@ class Integrator:
     emission_ahead : True where a ray that goes on can meet a light, emissive geometry or the world
     dimensions : numbered dimensions of a wave
     links : which objects are lit by what, or None where all are by all
+    tells_paths : True where a program asks how rays came
+    terminator : offsets of the shadow terminator; None where no smooth mesh has any
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     catchers_only : the stages of the scene without all but its shadow catchers, or None
     """
@@ -87,6 +91,8 @@ class Integrator:
     emission_ahead: bool
     dimensions: WaveDimensions
     links: LightLinks | None = None
+    tells_paths: bool = False
+    terminator: Terminator | None = None
     is_catcher: Booleans | None = None
     catchers_only: Integrator | None = None
 
@@ -105,12 +111,13 @@ def prepare(
     """
     features = derive_features(scene)
     needs_light = asks_for_light(settings)
+    terminator = make_terminator(scene) if needs_light and features.smooth_normals else None
     tables = make_surface_tables(
         scene,
         caster.geometry,
         features.smooth_normals,
         uvs=features.uvs and "UV" in settings.passes,
-        barycentric=features.programs,
+        barycentric=features.programs or terminator is not None,
         roundoff=caster.roundoff,
     )
     sites = make_site_tables(scene, tables, list_scene_attributes(scene), resolution) if features.programs else None
@@ -118,13 +125,21 @@ def prepare(
     background = None
     if features.world and needs_light and scene.world is not None:
         background = make_environment(scene.world, scene.camera, resolution)
-    compose = partial(_compose, scene, settings, features, tables, materials, background)
+    compose = partial(_compose, scene, settings, features, tables, materials, background, terminator)
     whole = compose(caster)
     if not catches_shadows(features, settings):
         return whole
     is_catcher = _gather_records(scene, "shadow_catcher", np.bool_)
     part: RayCaster = take_part(is_catcher) if take_part else SubsetCaster(caster, is_catcher)
     return replace(whole, is_catcher=is_catcher, catchers_only=compose(part, is_catcher))
+
+
+def find_lift(integrator: Integrator) -> Lift | None:
+    """Return what tells which shadow rays start higher; None where none do."""
+    terminator = integrator.terminator
+    if terminator is None or not terminator.cutoff.any():
+        return None
+    return partial(lift_points, integrator.tables, terminator)
 
 
 def asks_for_light(settings: Settings) -> bool:
@@ -144,6 +159,7 @@ def _compose(
     tables: SurfaceTables,
     materials: MaterialTable,
     background: Environment | None,
+    terminator: Terminator | None,
     caster: RayCaster,
     present: Booleans | None = None,
 ) -> Integrator:
@@ -157,9 +173,15 @@ def _compose(
     emitters = None
     if features.emission and needs_light:
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
+    seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
     lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     links = _link_lights(scene) if features.light_linking else None
-    sources = _list_sources(lights, emitters, background, links, features.rough or interreflects)
+    sources = [make_light_source(light, features.rough or interreflects, links) for light in lights]
+    if emitters is not None:
+        by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by) else None
+        sources.append(EmissiveGeometry(emitters=emitters, links=links, seen_by_object=by_object))
+    if background is not None:
+        sources += make_world_sources(background, features.light_path or _are_told_apart(seen_by))
     dimensions = allocate_dimensions(
         [source.dimension_count for source in sources], programs=features.occlusion, roulette=interreflects
     )
@@ -170,13 +192,13 @@ def _compose(
         lights = [light for light in lights if light.shadow_catcher]
         settings = replace(settings, passes=("Combined",))
     visible_lights = _find_visible(lights, features.specular or interreflects)
-    seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
-    cast = make_cast(caster, seen_by)
+    order = make_order(tables)
+    cast = make_cast(caster, seen_by, order)
     if features.transparency:
         assert settings.shadow_passages is not None  # as Settings fills it in
         visibility = transparent_visibility(cast, tables, materials, settings.shadow_passages)
     else:
-        visibility = opaque_visibility(caster, None if seen_by is None else cast)
+        visibility = opaque_visibility(caster, None if seen_by is None else cast, order)
     return Integrator(
         cast=cast,
         settings=settings,
@@ -187,7 +209,7 @@ def _compose(
         emitters=emitters,
         background=background,
         visibility=visibility,
-        occlusion_test=make_occlusion_test(caster, cast, tables) if features.occlusion else None,
+        occlusion_test=make_occlusion_test(caster, cast, order) if features.occlusion else None,
         holdout=_gather_records(scene, "holdout", np.bool_) if features.holdout else None,
         pass_index=_gather_records(scene, "pass_index", np.int32),
         needs_light=needs_light,
@@ -196,6 +218,8 @@ def _compose(
         emission_ahead=bool(visible_lights) or emitters is not None or background is not None,
         dimensions=dimensions,
         links=links,
+        tells_paths=features.light_path or (background is not None and background.program is not None),
+        terminator=terminator,
     )
 
 
@@ -204,23 +228,18 @@ def _link_lights(scene: Scene) -> LightLinks:
     return LightLinks(*(_gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
 
 
-def _list_sources(
-    lights: list[Light],
-    emitters: Emitters | None,
-    background: Environment | None,
-    links: LightLinks | None,
-    weigh: bool,
-) -> list[LightSource]:
-    """Return all that surfaces are lit by: lights, then emissive geometry, then the world.
+def _are_told_apart(seen_by: Masks | None) -> bool:
+    """True where an object is met by some of diffuse, glossy and shadow rays, but not by all."""
+    if seen_by is None:
+        return False
+    looking = SEEN_BY["diffuse"] | SEEN_BY["glossy"] | SEEN_BY["shadow"]
+    return bool((~np.isin(seen_by & looking, (0, looking))).any())
 
-    weigh : True where reflected rays can meet a light
-    """
-    sources = [make_light_source(light, weigh, links) for light in lights]
-    if emitters is not None:
-        sources.append(EmissiveGeometry(emitters=emitters, links=links))
-    if background is not None:
-        sources += make_world_sources(background)
-    return sources
+
+def _hides_emitters(emitters: Emitters, seen_by: Masks) -> bool:
+    """True where emissive geometry is hidden from reflected rays of some kind."""
+    reflected = SEEN_BY["diffuse"] | SEEN_BY["glossy"] | SEEN_BY["transmission"]
+    return bool(((seen_by[emitters.instance] & reflected) != reflected).any())
 
 
 def _is_present(source: LightSource, catchers_only: bool) -> bool:

@@ -2,6 +2,23 @@
 
 Three kinds answer the same question: a light (`SampledLight`), all emissive geometry (`EmissiveGeometry`), the world
 (`SampledWorld`). A source that reflected rays can also meet is sampled in both ways, weighed by the power heuristic.
+
+Who sees what, by source and kind of ray, as in Cycles:
+
+    source                sampled: reflected by the parts  its rays meet the objects   met by the rays
+    light                 that see the light               that shadow rays see        that see the light
+    emissive geometry     that see the object              that shadow rays see        that see the object
+    world that varies     that see the world               that shadow rays see        that see the world
+    world that is even    whose rays would bring it        that those rays see         that see the world
+
+Diffuse transmission is a part that sees by the flag for diffuse rays; its rays see objects by that for transmission,
+lights and the world by both. A part that reflects and transmits sees by either flag. To programs a ray to any source
+but an even world is of no kind; to one, it is of the kind whose place it takes.
+
+References
+----------
+Blender, intern/cycles/kernel/integrator/surface_shader.h: _surface_shader_exclude; light/common.h:
+is_light_shader_visible_to_path; integrator/path_state.h: path_state_ray_visibility; svm/light_path.h.
 """
 
 from __future__ import annotations
@@ -13,7 +30,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from raytracer.arrays.types import Counts, Keys
+from raytracer.arrays.types import Keys, Masks
+from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.bsdfs.closures import Shading
 from raytracer.lights.emitters import (
     Emitters,
@@ -35,9 +53,11 @@ from raytracer.lights.light_shapes import LightSamples
 from raytracer.lights.lights import has_extent, sample_light
 from raytracer.lights.shared_points import is_near, is_shareable, sample_shared, share_points
 from raytracer.sampling.sampler import Sampler
-from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
+from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.lights import Light
+from raytracer.shading.site import FARTHEST, Depths, LightPath, describe_reflected, describe_sampling, put_further
 from raytracer.surfaces.surface import Surface
+from raytracer.surfaces.terminator import Lift
 
 # The key of shadow rays that share nothing.
 ALONE = -1
@@ -50,23 +70,29 @@ LIGHT, WORLD, GEOMETRY, OTHER = range(4)
 class ShadingPoints:
     """n points that wait for light.
 
-    passages : (n,) int32, straight passages of the paths that led there
+    depths : of the paths that led there
     sampler : begins with the wave's dimensions
+    lift : tells which shadow rays start higher (`terminator`); None where none do
     """
 
     surface: Surface
     shading: Shading
-    passages: Counts
+    depths: Depths
     sampler: Sampler
+    lift: Lift | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class KeyedSamples:
     """A sample of a light from each of n points, and the key (n,) of the point or direction that it shares with all
-    others of the same key; ALONE where with none."""
+    others of the same key; ALONE where with none.
+
+    seen_by : (n,) uint8, bits of SEEN_BY, the ways in which each is reflected; None where that is the source's
+    """
 
     light: LightSamples
     key: Keys
+    seen_by: Masks | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,6 +106,7 @@ class LightSource(ABC):
     cast_shadow : False for a light that throws no shadows
     seen_by : bits of SEEN_BY, the classes of rays that see it, which are the ways in which its light is reflected
     unstopped : True where its light passes transparent surfaces that stop that of others
+    cast_as : the class of its shadow rays, which tells what objects they meet
     """
 
     dimension_count: ClassVar[int]
@@ -89,6 +116,7 @@ class LightSource(ABC):
     cast_shadow: bool = True
     seen_by: int = SEEN_BY_ALL
     unstopped: bool = False
+    cast_as: int = SEEN_BY["shadow"]
 
     @abstractmethod
     def sample(self, points: ShadingPoints) -> KeyedSamples:
@@ -131,11 +159,16 @@ class SampledLight(LightSource):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EmissiveGeometry(LightSource):
-    """All emissive geometry: a number to choose by, and a pair for the place."""
+    """All emissive geometry: a number to choose by, and a pair for the place.
+
+    seen_by_object : (instances + groups,) uint8, bits of SEEN_BY, the ways in which light of each is reflected; None
+        for all
+    """
 
     dimension_count: ClassVar[int] = 2
     emitters: Emitters
     links: LightLinks | None
+    seen_by_object: Masks | None = None
     kind: int = GEOMETRY
 
     def sample(self, points: ShadingPoints) -> KeyedSamples:
@@ -146,26 +179,32 @@ class EmissiveGeometry(LightSource):
             pair = shared.uniform_pair(sampler.dimension + 1)
             light = sample_placed(place_on_triangles(emitters, picked, pair).select(shared.key), points.surface)
             picked, pair, key = picked[shared.key], pair[shared.key], shared.key.astype(np.int32)
-            vary_radiance(emitters, picked, pair, points.surface, light)
+            vary_radiance(emitters, picked, pair, points.surface, light, points.depths)
         else:
             picked, pair = pick_emitters(emitters, sampler.uniform(0)), sampler.uniform_pair(1)
-            light, key = sample_picked(emitters, points.surface, picked, pair), _fill(points, ALONE)
+            light, key = sample_picked(emitters, points.surface, picked, pair, points.depths), _fill(points, ALONE)
         if self.links is not None:
             receivers = self.links.receivers[emitters.instance[picked]]
             light.weight[~self.links.find_lit(receivers, points.surface.instance)] = 0.0
-        return KeyedSamples(light, key)
+        seen_by = None if self.seen_by_object is None else self.seen_by_object[emitters.instance[picked]]
+        return KeyedSamples(light, key, seen_by)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SampledWorld(LightSource):
     """The world, by one of its samplers: directions around the shading normal, or to where it is bright.
 
-    Cycles looks for the light of an even world with paths alone, which go on behind all that is transparent.
+    Cycles looks for the light of an even world with paths alone, which go on behind all that is transparent, see the
+    objects that reflected rays see, and are told what kind of ray they are. Where that makes a difference, such a world
+    is a source for diffuse and one for glossy reflection.
+
+    reflected : the kind of reflection, of `bounce_kinds`, that its light comes by; None where that is all the same
     """
 
     dimension_count: ClassVar[int] = 1
     environment: Environment
     sampler: WorldSampler
+    reflected: int | None = None
 
     def sample(self, points: ShadingPoints) -> KeyedSamples:
         """Return samples of density that of all the world's samplers together."""
@@ -173,9 +212,18 @@ class SampledWorld(LightSource):
         direction = self.sampler(normal, points.sampler.uniform_pair())
         density = environment_density(self.environment, normal, direction)
         share = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
-        weight = share[:, np.newaxis] * evaluate_environment(self.environment, direction)
+        path = None if self.environment.program is None else self._describe(points.depths)
+        weight = share[:, np.newaxis] * evaluate_environment(self.environment, direction, path)
         light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
         return KeyedSamples(light, _fill(points, ALONE))
+
+    def _describe(self, depths: Depths) -> LightPath:
+        """Return what a program can ask of the rays that bring its light."""
+        count = len(depths.passages)
+        length = np.full(count, FARTHEST)
+        if self.reflected is None:
+            return describe_sampling(length, depths)
+        return put_further(describe_reflected(np.full(count, self.reflected, np.uint8), length, depths))
 
 
 def make_light_source(light: Light, weigh: bool, links: LightLinks | None = None) -> LightSource:
@@ -184,12 +232,25 @@ def make_light_source(light: Light, weigh: bool, links: LightLinks | None = None
     return SampledLight(light=light, weigh=weigh, links=links, cast_shadow=light.cast_shadow, seen_by=light.seen_by)
 
 
-def make_world_sources(environment: Environment) -> list[LightSource]:
-    """Return the world as sources, one for each of its samplers."""
-    even = environment.program is None
+def make_world_sources(environment: Environment, tells_rays_apart: bool) -> list[LightSource]:
+    """Return the world as sources: one for each of its samplers, or for each kind of reflection.
+
+    tells_rays_apart : True where objects are hidden from some of the rays that look for it, or ask how they came
+    """
+    if not environment.is_even:
+        return [
+            SampledWorld(environment=environment, sampler=sampler, kind=WORLD, seen_by=environment.seen_by)
+            for sampler in list_world_samplers(environment)
+        ]
+    (sampler,) = list_world_samplers(environment)
+    whole = SampledWorld(environment=environment, sampler=sampler, kind=OTHER, unstopped=True)
+    hidden = SEEN_BY_ALL - environment.seen_by
+    if environment.program is None and not tells_rays_apart and not hidden & (SEEN_BY["diffuse"] | SEEN_BY["glossy"]):
+        return [whole]
     return [
-        SampledWorld(environment=environment, sampler=sampler, kind=OTHER if even else WORLD, unstopped=even)
-        for sampler in list_world_samplers(environment)
+        replace(whole, reflected=kind, seen_by=SEEN_BY[name], cast_as=SEEN_BY[name])
+        for name, kind in (("diffuse", DIFFUSE), ("glossy", GLOSSY))
+        if not hidden & SEEN_BY[name]
     ]
 
 

@@ -30,7 +30,7 @@ from raytracer.integrator.contributions import (
     finish_alpha,
 )
 from raytracer.integrator.direct_light import sample_lights
-from raytracer.integrator.integrator import Integrator
+from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_sources import ShadingPoints
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
 from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_split, start_catching
@@ -38,6 +38,7 @@ from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
 from raytracer.sampling.sampler import Sampler, share_samples
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.shading.materials import make_shading
+from raytracer.shading.site import Depths
 from raytracer.surfaces.surface import make_surface
 
 # Paths shaded together; casts take whole waves.
@@ -132,6 +133,8 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     # Surface: where is it, and which closures are there?
     surface = make_surface(integrator.tables, paths.rays, hits)
     shading = make_shading(integrator.materials, surface, describe_path(integrator, paths, hits, surface, sampler))
+    if integrator.terminator is not None and integrator.terminator.frequency is not None:
+        shading = replace(shading, frequency=integrator.terminator.frequency[surface.instance])
     wave = Wave(paths, hits, surface, shading)
     describe_surface(integrator, passes, wave)
 
@@ -145,7 +148,13 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     sampler = sampler.select(paths.row)
     ended = find_ended(paths.bounces, integrator.settings) | find_closed(integrator, paths)
     probabilities = weigh_lobes(integrator, wave, ended)
-    points = ShadingPoints(surface, wave.shading, paths.passages, sampler)
+    points = ShadingPoints(
+        surface,
+        wave.shading,
+        Depths(paths.passages, paths.bounces if integrator.tells_paths else None),
+        sampler,
+        find_lift(integrator),
+    )
     throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
     shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row)
 

@@ -14,12 +14,13 @@ from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Kinds, Numb
 from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
+from raytracer.casting.order import join_departures
 from raytracer.casting.rays import Hits, Rays, join_rays
 from raytracer.film.passes import PASSES
 from raytracer.integrator.clamping import is_clamped
 from raytracer.integrator.settings import Settings
 from raytracer.lecture import length
-from raytracer.surfaces.surface import Surface, spawn_origin
+from raytracer.surfaces.surface import Surface, depart
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -27,7 +28,7 @@ class Paths:
     """k rays on their way, each the last stretch of a path.
 
     row : (k,) int64, the ray of the batch that the path began with
-    rays : their directions are unit vectors from the second stretch on
+    rays : their directions are unit vectors once they are scattered
     throughput : (k, 3) float64, what the light from here counts
     kind : (k,) uint8, of its last bounce; STRAIGHT before the first
     bounces : (k, 3) int32, how many it has taken of each kind in `bounce_kinds.COUNTED`
@@ -36,7 +37,8 @@ class Paths:
     density : (k,) float64, with which it was scattered into this direction; inf where light sampling could not
     rarest : (k,) float64, the least density of its bounces; inf before the first
     scatterer : (k,) int32, instance that it was scattered by last; -1 before the first
-    travelled : (k,) float64, metres from scatter_origin to the origin of this stretch
+    travelled : (k,) float64, metres from scatter_origin to where this stretch begins: a path that goes straight
+        through a surface keeps its ray, and goes on `after` what it has met
     """
 
     row: NDArray[np.int64]
@@ -188,12 +190,14 @@ def advance(wave: Wave, sample: BsdfSample) -> Paths:
     alive = np.flatnonzero(sample.alive)
     old, direction = wave.paths.select(alive), take_rows(sample.direction, alive)
     kind, straight = sample.kind[alive], sample.goes_straight[alive]
-    surface, count = wave.surface.select(alive), len(alive)
-    stretch = wave.hits.distance[alive] * length(old.rays.directions)
+    surface = wave.surface.select(alive)
     scattered = ~straight[:, np.newaxis]
+    rays = depart(surface, direction)
+    if straight.any():
+        rays = keep_straight(rays, old.rays, wave.hits.select(alive), straight)
     return replace(
         old,
-        rays=Rays(spawn_origin(surface, direction), direction, np.zeros(count), np.full(count, np.inf)),
+        rays=rays,
         throughput=old.throughput * take_rows(sample.weight, alive),
         kind=np.where(straight, old.kind, kind),
         bounces=count_bounces(old.bounces, kind),
@@ -203,5 +207,21 @@ def advance(wave: Wave, sample: BsdfSample) -> Paths:
         density=np.where(straight, old.density, sample.density[alive]),
         rarest=np.minimum(old.rarest, sample.density[alive]),
         scatterer=np.where(straight, old.scatterer, surface.instance),
-        travelled=np.where(straight, old.travelled + stretch, 0.0),
+        travelled=np.where(straight, wave.hits.distance[alive] * length(old.rays.directions), 0.0),
+    )
+
+
+def keep_straight(rays: Rays, old: Rays, hits: Hits, straight: Booleans) -> Rays:
+    """Return `rays`, but where they pass (n,) straight through what they have hit the old ones, behind the hits."""
+    departure, count = None, len(rays)
+    if rays.departure is not None or old.departure is not None:
+        departure = join_departures([rays.departure, old.departure], [count, count])
+    rows = np.arange(count) + count * straight
+    return Rays(
+        np.where(straight[:, np.newaxis], old.origins, rays.origins),
+        np.where(straight[:, np.newaxis], old.directions, rays.directions),
+        np.where(straight, old.t_min, rays.t_min),
+        np.where(straight, old.t_max, rays.t_max),
+        hits.forget(~straight),
+        None if departure is None else departure.select(rows),
     )

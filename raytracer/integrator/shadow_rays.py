@@ -6,23 +6,48 @@ Rays that share the point they end at, or their direction, are cast in calls of 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from raytracer.arrays.rows import any_column
-from raytracer.arrays.types import Booleans, Counts, Floats, Indices, Keys
-from raytracer.casting.ray_visibility import Cast, RayCaster, classify_shadows
+from raytracer.arrays.types import Booleans, Floats, Indices, Keys, Masks
+from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
+from raytracer.casting.order import Order
+from raytracer.casting.ray_visibility import Cast, RayCaster, find_any
 from raytracer.casting.rays import Rays, join_rays
 from raytracer.integrator.light_sources import ALONE
+from raytracer.lecture import length
+from raytracer.scene.fields import SEEN_BY
 from raytracer.shading.materials import MaterialTable, find_transparency
-from raytracer.surfaces.surface import make_surface, spawn_origin
+from raytracer.shading.site import Depths, LightPath, describe_reflected, describe_shadow_rays
+from raytracer.surfaces.surface import make_surface
 from raytracer.surfaces.surface_tables import SurfaceTables
 
-# What shadow rays, after so many straight passages of their paths, let through: (n, 1) or (n, 3); where the third is
-# True, transparent surfaces let light through even if their material says that they stop it.
-Visibility = Callable[[Rays, Counts, Booleans], Floats]
+# The share of light (n, 1) or (n, 3) that shadow rays let through.
+Visibility = Callable[["Shadows"], Floats]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shadows:
+    """n shadow rays that are cast together.
+
+    depths : of their paths
+    unstopped : (n,) bool, True where transparent surfaces let light through even if their material says that they stop
+        it
+    cast_as : (n,) uint8, bits of SEEN_BY, the classes whose objects they meet
+    """
+
+    rays: Rays
+    depths: Depths
+    unstopped: Booleans
+    cast_as: Masks
+
+    def select(self, rows: Any) -> Shadows:
+        """Return some of the rays: index or boolean array."""
+        return Shadows(self.rays.select(rows), self.depths.select(rows), self.unstopped[rows], self.cast_as[rows])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -32,17 +57,18 @@ class ShadowRays:
     row : (k,) int64, of the batch, that they light
     light : (k, 3) float64, what arrives if nothing is in the way
     key : (k,) int32, as in KeyedSamples
-    passages : (k,) int32, as in ShadingPoints
+    depths : of the paths
     rays : None where the source throws no shadows
-    unstopped, chance : as in LightSource
+    unstopped, cast_as, chance : as in LightSource
     """
 
     row: Indices
     light: Floats
     key: Keys
-    passages: Counts
+    depths: Depths
     rays: Rays | None
     unstopped: bool = False
+    cast_as: int = SEEN_BY["shadow"]
     chance: float = 1.0
 
 
@@ -52,23 +78,34 @@ def cast_shadows(visibility: Visibility, shadow_rays: Sequence[ShadowRays]) -> l
     Rays of one key of one source are cast in a call of their own, all others together.
     """
     casting = [of_source for of_source in shadow_rays if of_source.rays is not None and len(of_source.row)]
-    rays = join_rays([of_source.rays for of_source in casting if of_source.rays is not None])
-    key = np.concatenate([np.zeros(0, np.int32), *_number_keys(casting)])
-    passages = np.concatenate([np.zeros(0, np.int32), *(of_source.passages for of_source in casting)])
-    unstopped = np.concatenate(
-        [np.zeros(0, np.bool_), *(np.full(len(of_source.row), of_source.unstopped) for of_source in casting)]
-    )
     seen = None
-    for rows in _split_by_key(key):
-        part = visibility(rays.select(rows), passages[rows], unstopped[rows])
-        seen = np.empty((len(rays), part.shape[1])) if seen is None else seen
-        seen[rows] = part
+    if casting:
+        shadows = _join_shadows(casting)
+        for rows in _split_by_key(np.concatenate(list(_number_keys(casting)))):
+            part = visibility(shadows.select(rows))
+            seen = np.empty((len(shadows.rays), part.shape[1])) if seen is None else seen
+            seen[rows] = part
     shares, start = [], 0
     for of_source in shadow_rays:
         stop = start + (len(of_source.row) if of_source.rays is not None else 0)
         shares.append(np.ones((len(of_source.row), 1)) if seen is None or of_source.rays is None else seen[start:stop])
         start = stop
     return shares
+
+
+def _join_shadows(sources: Sequence[ShadowRays]) -> Shadows:
+    """Return the rays of all sources, in order."""
+    counts = [len(of_source.row) for of_source in sources]
+    bounces = [of_source.depths.bounces for of_source in sources if of_source.depths.bounces is not None]
+    return Shadows(
+        join_rays([of_source.rays for of_source in sources if of_source.rays is not None]),
+        Depths(
+            np.concatenate([of_source.depths.passages for of_source in sources]),
+            np.concatenate(bounces) if len(bounces) == len(sources) else None,
+        ),
+        np.repeat([of_source.unstopped for of_source in sources], counts),
+        np.repeat(np.array([of_source.cast_as for of_source in sources], np.uint8), counts),
+    )
 
 
 def _number_keys(sources: Sequence[ShadowRays]) -> Iterator[Keys]:
@@ -91,17 +128,16 @@ def _split_by_key(key: Keys) -> Iterator[Indices | slice]:
     yield from np.split(order, ends)
 
 
-def opaque_visibility(caster: RayCaster, cast: Cast | None = None) -> Visibility:
+def opaque_visibility(caster: RayCaster, cast: Cast | None = None, order: Order | None = None) -> Visibility:
     """Shadow rays where every surface stops the light: (n, 1), 1 or 0.
 
     cast : needed where some objects throw no shadows
+    order : of surfaces at one place, or None
     """
 
-    def see(rays: Rays, passages: Counts, unstopped: Booleans) -> Floats:
-        if cast is not None:
-            blocked = cast(rays, classify_shadows(rays)).hit
-        else:
-            blocked = caster.any_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
+    def see(shadows: Shadows) -> Floats:
+        rays = shadows.rays
+        blocked = find_any(caster, rays, order) if cast is None else cast(rays, shadows.cast_as).hit
         return np.where(blocked, 0.0, 1.0)[:, np.newaxis]
 
     return see
@@ -115,27 +151,35 @@ def transparent_visibility(cast: Cast, tables: SurfaceTables, materials: Materia
     return partial(_see_through, cast, tables, materials, most)
 
 
-def _see_through(
-    cast: Cast,
-    tables: SurfaceTables,
-    materials: MaterialTable,
-    most: int,
-    rays: Rays,
-    passages: Counts,
-    unstopped: Booleans,
-) -> Floats:
-    left = np.ones((len(rays), 3))
-    rows = np.arange(len(rays))
+def _see_through(cast: Cast, tables: SurfaceTables, materials: MaterialTable, most: int, shadows: Shadows) -> Floats:
+    left = np.ones((len(shadows.rays), 3))
+    rows, passed = np.arange(len(shadows.rays)), 0
     while len(rows):
-        hits = cast(rays, classify_shadows(rays))
+        hits = cast(shadows.rays, shadows.cast_as)
         met = np.flatnonzero(hits.hit)
-        rays, hits, rows = rays.select(met), hits.select(met), rows[met]
-        surface = make_surface(tables, rays, hits)
-        left[rows] *= find_transparency(materials, surface, unstopped[rows])
-        left[rows[passages[rows] >= most]] = 0.0
-        passages = passages + 1
+        shadows, hits, rows = shadows.select(met), hits.select(met), rows[met]
+        surface = make_surface(tables, shadows.rays, hits)
+        path = None
+        if materials.computed is not None:
+            path = _describe(shadows, hits.distance * length(shadows.rays.directions), passed)
+        left[rows] *= find_transparency(materials, surface, shadows.unstopped, path)
+        left[rows[shadows.depths.passages + passed >= most]] = 0.0
+        passed += 1
         open_ = np.flatnonzero(any_column(left[rows] > 0))
-        rays, surface, rows = rays.select(open_), surface.select(open_), rows[open_]
-        reach = rays.t_max - hits.distance[open_]
-        rays = Rays(spawn_origin(surface, rays.directions), rays.directions, np.zeros(len(rows)), np.maximum(reach, 0))
+        shadows, rows = shadows.select(open_), rows[open_]
+        shadows = replace(shadows, rays=replace(shadows.rays, after=hits.select(open_)))
     return left
+
+
+def _describe(shadows: Shadows, metres: Floats, passed: int) -> LightPath:
+    """Return what programs can ask of shadow rays that meet surfaces after so many metres (n,): of those that are cast
+    as reflected rays, what those would tell."""
+    path = describe_shadow_rays(metres, shadows.depths, passed)
+    rows = np.flatnonzero(shadows.cast_as != SEEN_BY["shadow"])
+    if len(rows):
+        kind = np.where(shadows.cast_as[rows] == SEEN_BY["diffuse"], DIFFUSE, GLOSSY).astype(np.uint8)
+        reflected = describe_reflected(kind, metres[rows], shadows.depths.select(rows), passed).values
+        path.values["shadow"][rows] = 0.0
+        for name, values in reflected.items():
+            path.values.setdefault(name, np.zeros(len(metres)))[rows] = values
+    return path

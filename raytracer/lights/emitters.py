@@ -26,6 +26,7 @@ from raytracer.lights.light_shapes import (
     sample_sphere_directions,
     sphere_density,
 )
+from raytracer.shading.site import Depths, LightPath, describe_sampling
 from raytracer.surfaces.surface import Surface, make_surface
 from raytracer.surfaces.surface_tables import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate
 
@@ -40,7 +41,7 @@ LEAST_SHARE = 2.0**-6
 # Unreasonable Effectiveness of Quasirandom Sequences", 2018).
 GOLDEN_STEPS = 1.2207440846057596 ** -np.arange(1.0, 4.0)
 
-RadianceAt = Callable[[Surface], Floats]
+RadianceAt = Callable[[Surface, LightPath], Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +148,9 @@ def _estimate_means(emitters: Emitters, varies: NDArray[np.bool_], find_radiance
             continue
         picked = rows[(numbers[:, 2] * len(rows)).astype(np.int64)]
         surface = _place_surface(emitters, picked, numbers[:, :2], None, None)
-        mean[number] = find_radiance(surface).mean()
+        # As if from a metre away, after the first bounce.
+        depths = Depths(np.zeros(ESTIMATE_POINTS, np.int32), np.zeros((ESTIMATE_POINTS, 3), np.int32))
+        mean[number] = find_radiance(surface, describe_sampling(np.ones(ESTIMATE_POINTS), depths)).mean()
     return np.maximum(mean, LEAST_SHARE * max(mean.max(initial=0.0), np.finfo(np.float64).tiny))
 
 
@@ -169,10 +172,19 @@ def _place_surface(
 
 
 def vary_radiance(
-    emitters: Emitters, picked: NDArray[np.intp], pair: Floats, surface: Surface, light: LightSamples
+    emitters: Emitters,
+    picked: NDArray[np.intp],
+    pair: Floats,
+    surface: Surface,
+    light: LightSamples,
+    depths: Depths | None = None,
 ) -> None:
     """Multiply the weight of samples (n,) of emitters `picked` by what programs let them shine with, towards the points
-    of `surface`; pair : the uniform numbers (n, 2) of the place."""
+    of `surface`.
+
+    pair : (n, 2) the uniform numbers of the place
+    depths : of the paths that lead to the points
+    """
     if emitters.varies is None or emitters.find_radiance is None:
         return
     material = emitters.material[picked]
@@ -182,7 +194,8 @@ def vary_radiance(
     count = len(rows)
     rays = Rays(surface.position[rows], light.direction[rows], np.zeros(count), np.full(count, np.inf))
     shining = _place_surface(emitters, picked[rows], pair[rows], rays, light.distance[rows])
-    light.weight[rows] *= emitters.find_radiance(shining)
+    path = describe_sampling(light.distance[rows], None if depths is None else depths.select(rows))
+    light.weight[rows] *= emitters.find_radiance(shining, path)
 
 
 def _find_emissive(tables: SurfaceTables, record: int, radiance: Floats) -> Integers:
@@ -218,15 +231,18 @@ def _areas(tables: SurfaceTables, instance: Integers, primitive: Integers, corne
     return areas
 
 
-def sample_picked(emitters: Emitters, surface: Surface, picked: NDArray[np.intp], pair: Floats) -> LightSamples:
+def sample_picked(
+    emitters: Emitters, surface: Surface, picked: NDArray[np.intp], pair: Floats, depths: Depths | None = None
+) -> LightSamples:
     """Sample a direction from each point of `surface` to its emitter of `picked` (n,).
 
     Parameters
     ----------
     pair : (n, 2) uniform numbers
+    depths : of the paths that lead to the points
     """
     samples = _aim_at_picked(emitters, surface, picked, pair)
-    vary_radiance(emitters, picked, pair, surface, samples)
+    vary_radiance(emitters, picked, pair, surface, samples, depths)
     return samples
 
 

@@ -36,11 +36,12 @@ from raytracer.sampling.direction_map import (
 )
 from raytracer.sampling.warps import sample_cosine_hemisphere
 from raytracer.scene.camera import Camera
+from raytracer.scene.fields import SEEN_BY_ALL
 from raytracer.scene.lights import World
 from raytracer.scene.programs import Image, Program, Register
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Spheres
-from raytracer.shading.evaluate import evaluate, find_needed, list_attributes, list_steps
+from raytracer.shading.evaluate import evaluate, find_needed, list_attributes, list_steps, reads_place
 from raytracer.shading.site import LightPath, Site
 from raytracer.shading.site_tables import SiteTables, make_site_tables
 from raytracer.surfaces.surface import Surface
@@ -61,6 +62,8 @@ class Environment:
     color : (3,) float64, or the Register of the program that computes it
     program, needed, tables : of `evaluate.evaluate`, None, () and None for a constant world
     grid : the map that samples follow; None where the world is constant, or even
+    is_even : True where it is the same in all directions, though its program may ask how the ray came
+    seen_by : as of World
     """
 
     color: Floats | Register
@@ -68,16 +71,19 @@ class Environment:
     needed: tuple[int, ...] = ()
     tables: SiteTables | None = None
     grid: DirectionMap | None = None
+    is_even: bool = True
+    seen_by: int = SEEN_BY_ALL
 
 
 def make_environment(world: World, camera: Camera | None, resolution: tuple[int, int]) -> Environment:
     """Return the environment of a world; resolution : of the full picture, pixels."""
     if world.program is None or not isinstance(world.color, Register):
-        return Environment(world.color)
+        return Environment(world.color, seen_by=world.seen_by)
     program = world.program
     needed = find_needed(program, [world.color])
-    environment = Environment(world.color, program, needed, _make_tables(program, camera, resolution))
-    return replace(environment, grid=_make_map(environment))
+    tables, even = _make_tables(program, camera, resolution), not reads_place(program, needed)
+    environment = Environment(world.color, program, needed, tables, is_even=even, seen_by=world.seen_by)
+    return environment if even else replace(environment, grid=_make_map(environment))
 
 
 def _make_tables(program: Program, camera: Camera | None, resolution: tuple[int, int]) -> SiteTables:

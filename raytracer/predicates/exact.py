@@ -155,6 +155,26 @@ class ExactHit(NamedTuple):
 MISS = ExactHit(-1, math.inf, 0.0, (0.0, 0.0))
 
 
+class Behind(NamedTuple):
+    """What lies behind a ray, for its k candidates.
+
+    corners, spheres : (1, 3, 3) or (1, 4) float64, the primitive that the ray has met last; none: (0, ...)
+    high : its distance is no more than that; of two roots in question it is the far one
+    later : (k,) bool, the candidate counts also at the same distance as that
+    reach, barred : up to this distance, candidates marked in (k,) do not count
+    """
+
+    corners: NDArray[np.float64]
+    spheres: NDArray[np.float64]
+    high: float
+    later: Sequence[bool]
+    reach: float
+    barred: Sequence[bool]
+
+
+NOTHING_BEHIND = Behind(np.zeros((0, 3, 3)), np.zeros((0, 4)), -math.inf, (), -math.inf, ())
+
+
 def _scaled_bound(value: float, exponent: int) -> Root | None:
     """A bound of the ray's range as a Root in the integers' units of t; None = infinite."""
     if math.isinf(value):
@@ -174,41 +194,73 @@ def closest_candidate(
     t_max: float,
     corners: NDArray[np.float64],
     spheres: NDArray[np.float64],
+    rank: Sequence[int] | None = None,
+    behind: Behind = NOTHING_BEHIND,
 ) -> ExactHit:
-    """Decide the closest of a ray's candidates exactly; the first of equals wins.
+    """Decide the closest of a ray's candidates exactly.
 
     Parameters
     ----------
-    corners : (k, 3, 3) float64, triangles, in order of preference among equals
-    spheres : (l, 4) float64, centre and radius; they rank after all triangles
+    corners : (k, 3, 3) float64, triangles
+    spheres : (l, 4) float64, centre and radius; they are numbered after all triangles
     t_min, t_max : inclusive range; infinite bounds are none
+    rank : (k + l,) the lowest of equals wins; None: the first
+    behind : what candidates must lie beyond
     """
     # Positions share one exponent, the direction has its own: t = T / D is then off by 2^(position - direction).
-    points, point_exponent = to_integers([*origin, *corners.ravel().tolist(), *spheres.ravel().tolist()])
+    shapes = np.concatenate([part.ravel() for part in (corners, behind.corners, spheres, behind.spheres)]).tolist()
+    points, point_exponent = to_integers([*origin, *shapes])
     ray_direction, direction_exponent = to_integers(direction)
-    start, heading = _vector(points, 0), _vector(ray_direction, 0)
     exponent = direction_exponent - point_exponent
     if t_min == math.inf or t_max < t_min:
         return MISS
+    line = (_vector(points, 0), _vector(ray_direction, 0))
     low, high = _scaled_bound(t_min, exponent), _scaled_bound(t_max, exponent)
-    found: list[tuple[Root, int, tuple[int, int, int]]] = []
-    for index in range(len(corners)):
-        hit = intersect_triangle(start, heading, [_vector(points, 3 + 9 * index + 3 * k) for k in range(3)])
-        if hit is not None and _inside(hit.t, low, high):
-            found.append((hit.t, index, hit.edges))
-    first_sphere = 3 + 9 * len(corners)
-    for index in range(len(spheres)):
-        row = first_sphere + 4 * index
-        roots = intersect_sphere(start, heading, _vector(points, row), points[row + 3])
-        inside = [root for root in roots or () if _inside(root, low, high)]
-        if inside:
-            found.append((inside[0], len(corners) + index, (1, 0, 0)))
+    triangles, balls = _meet_all(line, points[3:], len(corners) + len(behind.corners))
+    met = triangles[len(corners) :] + balls[len(spheres) :]
+    last = _find_last(met[0], _scaled_bound(behind.high, exponent)) if met else None
+    reach = _scaled_bound(behind.reach, exponent)
+    found: list[tuple[Root, int, Vector]] = []
+    for index, (roots, edges) in enumerate(triangles[: len(corners)] + balls[: len(spheres)]):
+        for root in roots:
+            if not _inside(root, low, high):
+                continue
+            if last is not None and compare(root, last) < (0 if behind.later[index] else 1):
+                continue
+            if reach is not None and behind.barred and behind.barred[index] and compare(root, reach) <= 0:
+                continue
+            found.append((root, index, edges))
+            break
     if not found:
         return MISS
-    t, index, edges = min(found, key=lambda candidate: _ORDER(candidate[0]))
+    place = {index: index if rank is None else rank[index] for _, index, _ in found}
+    t, index, edges = min(sorted(found, key=lambda hit: place[hit[1]]), key=lambda hit: _ORDER(hit[0]))
     value, error = root_to_float(_unscale(t, exponent))
     total = sum(edges)
     return ExactHit(index, value, error, (edges[1] / total, edges[2] / total))
+
+
+# Where a line meets a shape, ascending, and the edge functions there.
+_Met = tuple[tuple[Root, ...], Vector]
+
+
+def _meet_all(line: tuple[Vector, Vector], numbers: list[int], triangle_count: int) -> tuple[list[_Met], list[_Met]]:
+    """Return where a line meets so many triangles, 9 numbers each, and the spheres after them, 4 each."""
+    triangles: list[_Met] = []
+    for first in range(0, 9 * triangle_count, 9):
+        hit = intersect_triangle(*line, [_vector(numbers, first + 3 * corner) for corner in range(3)])
+        triangles.append(((), (1, 0, 0)) if hit is None else ((hit.t,), hit.edges))
+    balls: list[_Met] = []
+    for first in range(9 * triangle_count, len(numbers), 4):
+        roots = intersect_sphere(*line, _vector(numbers, first), numbers[first + 3])
+        balls.append((roots or (), (1, 0, 0)))
+    return triangles, balls
+
+
+def _find_last(met: _Met, high: Root | None) -> Root | None:
+    """Return where a ray has met a shape last: its last root up to `high`; None where exactly it does not meet it."""
+    roots = [root for root in met[0] if high is None or compare(root, high) <= 0]
+    return roots[-1] if roots else None
 
 
 def _unscale(t: Root, exponent: int) -> Root:

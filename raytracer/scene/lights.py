@@ -165,13 +165,16 @@ class World:
 
     color : linear RGB, or a Register of `program`
     program : Program, evaluated over directions, or None where the color is constant
+    seen_by : bits of SEEN_BY, the classes of rays that see it, which are the ways in which surfaces reflect its light
     """
 
     color: Any = 0.0
     program: Program | None = None
+    seen_by: int = SEEN_BY_ALL
 
     def __post_init__(self) -> None:
         check_program(self.program, "World: program")
+        set_seen_by(self, "World")
         if isinstance(self.color, Register):
             check_register(self.color, self.program, "World: color")
         else:

@@ -149,6 +149,8 @@ class Instances:
     light_set : (i,) int32, the set of objects it belongs to, 0 to 62, which lights and emissive objects may light or
         not; None = 0
     receivers : (i,) int64, the sets that it lights where it shines, as bits: 1 << light_set; None = all
+    terminator_geometry, terminator_shading : (i,) float64, 0 to 1, Blender's offsets of the shadow terminator of smooth
+        meshes; None = 0
     random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
     """
 
@@ -162,6 +164,8 @@ class Instances:
     shadow_catcher: Any = None
     light_set: Any = None
     receivers: Any = None
+    terminator_geometry: Any = None
+    terminator_shading: Any = None
 
     def __post_init__(self) -> None:
         count = len(set_array(self, "mesh", np.int32, ("i",), "Instances"))
@@ -181,6 +185,10 @@ class Instances:
         for name, shape in (("random", (count,)), ("color", (count, 4))):
             if getattr(self, name) is not None:
                 set_array(self, name, np.float64, shape, "Instances")
+        for name in ("terminator_geometry", "terminator_shading"):
+            if getattr(self, name) is not None:
+                offset = set_array(self, name, np.float64, (count,), "Instances")
+                require_range(offset, 0.0, 1.0, f"Instances: {name}")
         if self.seen_by is not None:
             mask = set_array(self, "seen_by", np.int32, (count,), "Instances")
             require_range(mask, 0, SEEN_BY_ALL, "Instances: seen_by")

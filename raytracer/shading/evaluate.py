@@ -42,6 +42,9 @@ from raytracer.shading.nodes import (
 from raytracer.shading.nodes.operation import Array, Operation
 from raytracer.shading.site import Site
 
+# What the operations of the Light Path node begin with.
+LIGHT_PATH = "LIGHT_PATH "
+
 OPERATIONS: dict[str, Operation] = {
     **arithmetic.OPERATIONS,
     **blackbody.OPERATIONS,
@@ -190,6 +193,17 @@ def list_steps(program: Program) -> Iterator[Step]:
 def list_attributes(program: Program) -> set[str]:
     """Return the names of the mesh attributes that a program reads; see `site_tables.make_site_tables`."""
     return {name for step in list_steps(program) for name in OPERATIONS[step.operation].attributes(step.settings)}
+
+
+def reads_light_path(program: Program | None) -> bool:
+    """True where a program asks how the ray came."""
+    return program is not None and any(step.operation.startswith(LIGHT_PATH) for step in list_steps(program))
+
+
+def reads_place(program: Program, needed: tuple[int, ...]) -> bool:
+    """True where what the steps `needed` compute differs from point to point, or from direction to direction."""
+    steps = list_steps(Program([program.steps[number] for number in needed]))
+    return any(OPERATIONS[step.operation].reads_site and not step.operation.startswith(LIGHT_PATH) for step in steps)
 
 
 def casts_rays(program: Program | None) -> bool:

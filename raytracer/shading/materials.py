@@ -142,13 +142,17 @@ def find_radiance(table: MaterialTable, surface: Surface, path: LightPath | None
     return _sum_parts(table, recipes, surface, path, table.radiance, _radiance_of)
 
 
-def find_transparency(table: MaterialTable, surface: Surface, unstopped: Booleans | bool = False) -> Floats:
+def find_transparency(
+    table: MaterialTable, surface: Surface, unstopped: Booleans | bool = False, path: LightPath | None = None
+) -> Floats:
     """Return the share of light (n, 3) that shadow rays bring straight through n points of a surface.
 
     unstopped : (n,) or one for all, True for light that passes even materials that stop it
+    path : how the shadow rays came, for programs that ask
     """
     recipes = table.computed.transparency if table.computed else {}
-    path = describe_shadow_rays(len(surface)) if table.computed else None
+    if table.computed and path is None:
+        path = describe_shadow_rays(np.zeros(len(surface)))
     share = _sum_parts(table, recipes, surface, path, table.transparency, _transparency_of)
     stopped = table.stops_light[surface.material] & np.logical_not(unstopped)
     return np.where(stopped[:, np.newaxis], 0.0, share)

@@ -19,41 +19,38 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import to_world
-from raytracer.casting.ray_visibility import Cast, RayCaster, classify_shadows
+from raytracer.casting.order import Order
+from raytracer.casting.ray_visibility import Cast, RayCaster, classify_shadows, find_closest
 from raytracer.casting.rays import Rays
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import sample_cosine_hemisphere
-from raytracer.surfaces.surface import Surface, make_surface, spawn_origin
-from raytracer.surfaces.surface_tables import SurfaceTables
+from raytracer.surfaces.surface import Surface, depart
 
 Objects = NDArray[np.int32]
 # True (n,) where rays hit anything; given objects (n,), only what each hits of its own counts.
 OcclusionTest = Callable[[Rays, Objects | None], Booleans]
 
 
-def make_occlusion_test(caster: RayCaster, cast: Cast, tables: SurfaceTables) -> OcclusionTest:
+def make_occlusion_test(caster: RayCaster, cast: Cast, order: Order | None = None) -> OcclusionTest:
     """Return the function that tells which rays are blocked; `cast` tells what shadow rays see."""
 
     def block(rays: Rays, objects: Objects | None) -> Booleans:
         if objects is None:
             return cast(rays, classify_shadows(rays)).hit
-        return _block_own(caster, tables, rays, objects)
+        return _block_own(caster, order, rays, objects)
 
     return block
 
 
-def _block_own(caster: RayCaster, tables: SurfaceTables, rays: Rays, objects: Objects) -> Booleans:
+def _block_own(caster: RayCaster, order: Order | None, rays: Rays, objects: Objects) -> Booleans:
     """Return (n,) True where a ray hits its own object, behind whatever others."""
     blocked, rows = np.zeros(len(rays), dtype=np.bool_), np.arange(len(rays))
     while len(rows):
-        hits = caster.closest_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
+        hits = find_closest(caster, rays, order)
         own = hits.instance == objects[rows]
         blocked[rows] = hits.hit & own
         others = np.flatnonzero(hits.hit & ~own)
-        rays, hits, rows = rays.select(others), hits.select(others), rows[others]
-        origins = spawn_origin(make_surface(tables, rays, hits), rays.directions)
-        reach = np.maximum(rays.t_max - hits.distance, 0.0)
-        rays = Rays(origins, rays.directions, np.zeros(len(rows)), reach)
+        rays, rows = replace(rays.select(others), after=hits.select(others)), rows[others]
     return blocked
 
 
@@ -84,7 +81,7 @@ class Probe:
             sample = np.broadcast_to(first + np.uint32(number), len(rows))
             part = replace(numbers, own=replace(numbers.own, sample=sample))
             directions = to_world(sample_cosine_hemisphere(part.uniform_pair()), normal[rows])
-            rays = Rays(spawn_origin(surface, directions), directions, np.zeros(len(rows)), reach[rows])
+            rays = depart(surface, directions, reach[rows])
             blocked += self.test(rays, surface.instance if own else None)
         open_ = np.ones(len(reach))
         open_[rows] -= blocked / count

@@ -21,8 +21,11 @@ from raytracer.arrays.rows import any_column
 from raytracer.arrays.types import Booleans, Floats, Integers, Numbers, Pairs, Vectors
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import Kind, join_id
-from raytracer.casting.rays import Hits, Rays, _select_rows
+from raytracer.casting.order import STOPPING, Departure, no_departure
+from raytracer.casting.rays import Hits, Rays, select_rows
 from raytracer.lecture import dot, length, point_on_line
+from raytracer.predicates.rounding import gamma
+from raytracer.surfaces.places import LEFT_BEHIND, find_layers, turn_layers
 from raytracer.surfaces.surface_tables import (
     CASTER_ERROR,
     INTERPOLATION_ERROR,
@@ -52,6 +55,7 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
     else:
         position, error, normal, shading = _mixed_surface(tables, rays, hits, is_triangle)
     outgoing = -normalize(rays.directions)
+    layer = _find_tied_layers(tables, hits)
     material = tables.material[
         tables.material_first[hits.instance] + tables.material_step[hits.instance] * hits.primitive
     ]
@@ -67,7 +71,27 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
         primitive=hits.primitive,
         uv=None if tables.uvs is None else _interpolate_uvs(tables, hits, is_triangle),
         barycentric=hits.barycentric if tables.with_barycentric else None,
+        layer=layer,
+        approach=None if layer is None else _find_approach(rays, hits, outgoing),
     )
+
+
+def _find_tied_layers(tables: SurfaceTables, hits: Hits) -> NDArray[np.int64] | None:
+    """Return the layers (n,) of surfaces that may not lie alone, 0 of others; None where all are alone."""
+    if hits.tied is None or tables.layers is None or not hits.tied.any():
+        return None
+    layer, rows = np.zeros(len(hits), np.int64), np.flatnonzero(hits.tied)
+    layer[rows] = find_layers(tables, hits.instance[rows], hits.primitive[rows])
+    return layer
+
+
+def _find_approach(rays: Rays, hits: Hits, outgoing: Floats) -> Floats:
+    """Return the directions (n, 3) towards where paths came from to the places that they are at: of a ray that has not
+    left the place where it started, the one that led there."""
+    if rays.departure is None:
+        return outgoing
+    here = hits.distance <= rays.departure.reach
+    return np.where(here[:, np.newaxis], rays.departure.approach, outgoing)
 
 
 def _triangle_surface(tables: SurfaceTables, hits: Hits) -> tuple[Floats, Floats, Floats, Floats]:
@@ -170,6 +194,56 @@ def spawn_origin(surface: Surface, direction: Floats) -> Floats:
     return np.where(side == 0, moved, np.nextafter(moved, np.copysign(np.inf, side)))
 
 
+def depart(surface: Surface, direction: Floats, reach: Floats | float = np.inf, target: Floats | None = None) -> Rays:
+    """Return rays that leave n points of a surface.
+
+    A ray starts outside the error bound of its point (`spawn_origin`). Where other surfaces may lie at the same place
+    it starts as far on the other side, so that none of them is lost, and carries the Departure by which those that it
+    shall not meet are told.
+
+    Parameters
+    ----------
+    direction : (n, 3) float64
+    reach : t_max of the rays
+    target : (n, 3) float64, points that the rays are to go through at t = 1; None: they go along `direction`
+    """
+    origins, departure = spawn_origin(surface, direction), None
+    rows = np.zeros(0, np.intp) if surface.layer is None else np.flatnonzero(surface.layer)
+    if len(rows):
+        origins[rows] = _start_behind(surface.select(rows), direction.take(rows, axis=0))
+    if target is not None:
+        direction = target - origins
+    if len(rows):
+        departure = no_departure(len(surface))
+        own = _describe_departure(surface.select(rows), origins.take(rows, axis=0), direction.take(rows, axis=0))
+        departure.key[rows], departure.approach[rows], departure.reach[rows] = own.key, own.approach, own.reach
+    return Rays(origins, direction, np.zeros(len(surface)), np.broadcast_to(reach, len(surface)) + 0.0, None, departure)
+
+
+def _start_behind(surface: Surface, direction: Floats) -> Floats:
+    """Return points (n, 3) outside the error bound, on the side that rays leave from."""
+    normal = surface.geometric_normal
+    return spawn_origin(surface, np.where(dot(normal, direction)[:, np.newaxis] >= 0, -normal, normal))
+
+
+def _describe_departure(surface: Surface, origins: Floats, direction: Floats) -> Departure:
+    """Return the Departure of rays that start behind all that lies at their place.
+
+    They leave the place where they are as far beyond the surface as they start before it: at t = 2 depth / |d . n|, to
+    three roundings. Rays along the surface stay in it for ever, and carry no light.
+    """
+    assert surface.layer is not None
+    assert surface.approach is not None
+    cosine = dot(surface.geometric_normal, direction)
+    depth = np.abs(dot(surface.position - origins, surface.geometric_normal))
+    # Besides, the points are rounded: a depth of all their coordinates' last places is between them and the surface.
+    depth += gamma(4) * np.abs(surface.position).sum(axis=1)
+    with np.errstate(divide="ignore"):
+        reach = np.where(cosine == 0, 0.0, 2 * depth / np.abs(cosine))
+    key = np.where(surface.layer >= STOPPING, LEFT_BEHIND, turn_layers(surface.layer, cosine <= 0))
+    return Departure(key, surface.approach, reach)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Surface:
     """The surface at n hits (misses are left out beforehand); what a scene does not need is None.
@@ -184,6 +258,10 @@ class Surface:
     instance, primitive : (n,) int32, as in Hits
     uv : (n, 2) float64, NaN where there are none; None where the scene has no uvs or nothing reads them
     barycentric : (n, 2) float64, as in Hits, or None where nothing reads it
+    layer : (n,) int64, of surfaces that may not lie alone, as rays come to their front (`places`); 0 of others; None
+        where all lie alone
+    approach : (n, 3) float64, unit, towards where the path came from to the place of the surface, which may have met
+        others there; None where `layer` is
     """
 
     position: Vectors
@@ -197,10 +275,12 @@ class Surface:
     primitive: Integers
     uv: Pairs | None = None
     barycentric: Pairs | None = None
+    layer: NDArray[np.int64] | None = None
+    approach: Vectors | None = None
 
     def __len__(self) -> int:
         return len(self.position)
 
     def select(self, rows: Any) -> Surface:
         """Return some of the points: index or boolean array."""
-        return _select_rows(self, rows)
+        return select_rows(self, rows)

@@ -15,6 +15,7 @@ from raytracer.lecture import cross, dot, length
 from raytracer.predicates.rounding import gamma
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Mesh
+from raytracer.surfaces.layers import LayerTable, make_layer_table
 
 # alpha = 1 - beta - gamma, three products and two sums: 7 roundings at most, in each coordinate.
 INTERPOLATION_ERROR = gamma(7)
@@ -72,6 +73,7 @@ class SurfaceTables:
     with_barycentric : True where programs of materials read more
     triangles : of all instances, by primitive id, or None where there are too many
     roundoff : unit roundoff of the caster's arithmetic over float64's
+    layers : what the order of surfaces at one place goes by, or None where that makes no difference
     """
 
     geometry: Geometry
@@ -86,6 +88,7 @@ class SurfaceTables:
     with_barycentric: bool = False
     triangles: Triangles | None = None
     roundoff: float = 1.0
+    layers: LayerTable | None = None
 
 
 def make_surface_tables(
@@ -116,6 +119,7 @@ def make_surface_tables(
         with_barycentric=barycentric,
         triangles=_measure_all_triangles(geometry, mirrored),
         roundoff=roundoff,
+        layers=make_layer_table(scene),
     )
 
 

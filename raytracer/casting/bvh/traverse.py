@@ -106,7 +106,7 @@ class Traversal:
         # Where the stack and the rows ended when instances were entered: below that, their rows are done with.
         self.marks: list[tuple[int, int]] = []
         self.narrows = search.narrows and search.certified
-        self.surely_begun = to_row_distance(self.rays, everyone, search.t_min)
+        self.surely_begun = to_row_distance(self.rays, everyone, search.surely_begun)
         self.surely_before_end = to_row_start(self.rays, search.rays.t_max)
         self.work = _Workspace()
 

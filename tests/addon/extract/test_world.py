@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
 from addon import versions
-from raytracer.lights.environment import evaluate_environment, make_environment
+from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.programs import Register
-from raytracer.shading.site import LightPath
 from tests.addon.extract.shaders.shader_trees import add, clear_nodes, extract, texts
 
 pytestmark = pytest.mark.blender
@@ -49,13 +47,15 @@ def test_world_that_varies_has_a_program(world_tree: Any) -> None:
     assert not texts()
 
 
-def test_world_hidden_from_the_camera_is_black_to_it(world_tree: Any) -> None:
+def test_world_is_seen_by_the_rays_that_its_visibility_names(world_tree: Any) -> None:
     add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
-    bpy.context.scene.world.cycles_visibility.camera = False
-    environment = make_environment(extract().scene.world, None, (4, 3))
-    up = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-    found = evaluate_environment(environment, up, LightPath({"camera": np.array([1.0, 0.0])}))
-    assert_array_equal(found, [(0, 0, 0), (0.25, 0.5, 1)])
+    assert extract().scene.world.seen_by == SEEN_BY_ALL
+    for name in ("camera", "diffuse", "glossy", "transmission"):
+        setattr(bpy.context.scene.world.cycles_visibility, name, False)
+        world = extract().scene.world
+        assert world.seen_by == SEEN_BY_ALL - SEEN_BY[name]
+        assert_array_equal(world.color, (0.25, 0.5, 1))
+        setattr(bpy.context.scene.world.cycles_visibility, name, True)
 
 
 def test_sky_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:

@@ -58,6 +58,21 @@ def test_rays_go_on_behind_what_they_do_not_see(precision):
     np.testing.assert_allclose(values["Depth"], 1.0, rtol=1e-6)
 
 
+@pytest.mark.parametrize("precision", ["certified", "float64", "float32"])
+@pytest.mark.parametrize("order", [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)])
+def test_what_lies_exactly_on_hidden_objects_is_met_whichever_was_made_first(rng, precision, order):
+    """Of three squares at one place each is hidden from other rays; all classes, edges and corners as well."""
+    hidden = [("camera", "diffuse"), ("camera", "glossy", "shadow"), ("transmission", "diffuse", "glossy", "shadow")]
+    seen_by = np.array([SEEN_BY_ALL - sum(SEEN_BY[name] for name in hidden[k]) for k in order], np.uint8)
+    cast = make_cast(raytracer.build(hide([square(0.0)] * 3, *(hidden[k] for k in order)), precision), seen_by)
+    spots = np.concatenate([rng.uniform(-8, 8, size=(50, 2)), [[0, 0], [5, 5], [-3, -3]]])
+    rays = make_rays(np.column_stack([spots, np.ones(53)]), [[0, 0, -1.0]])
+    for name, bit in SEEN_BY.items():
+        hits = cast(rays, np.full(53, bit, np.uint8))
+        shown = [place for place, k in enumerate(order) if name not in hidden[k]]
+        np.testing.assert_array_equal(hits.instance, min(shown) if shown else -1)
+
+
 def test_casts_find_what_brute_force_finds_among_visible_objects():
     rng = np.random.default_rng(4)
     meshes = [raytracer.Mesh(rng.uniform(-1, 1, (30, 3)), np.arange(30).reshape(10, 3)) for _ in range(6)]
