@@ -22,8 +22,8 @@ from .meshes import Points, extract_points, open_mesh
 from .shaders.materials import MaterialTable
 from .warnings import Warning, WarningList
 
-# Blender's random numbers of instances are whole, 0 to this.
-LARGEST_ID = 2**32 - 1
+# Blender's random numbers of instances and of names are whole, 0 to this.
+LARGEST_WORD = 2**32 - 1
 
 UNSUPPORTED_TYPES = {
     "VOLUME": "volumes",
@@ -148,9 +148,17 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
         if known[key] >= 0:
             placements.part.append(known[key])
             placements.world_from_object.append(np.array(instance.matrix_world, dtype=np.float64))
-            random = instance.random_id / LARGEST_ID if is_instance else placements.parts[known[key]].random
-            placements.random.append(random)
+            own = placements.parts[known[key]].random
+            placements.random.append(read_random(instance.random_id) if is_instance else own)
     return placements
+
+
+def read_random(word: int) -> float:
+    """Return an instance's random number, 0 to 1, as Cycles divides it (scene/object.cpp).
+
+    Blender holds 32 bits without a sign, and Python gets them with one: half of all are negative there.
+    """
+    return (word % 2**32) / LARGEST_WORD
 
 
 def hash_name(name: str) -> float:
@@ -158,7 +166,7 @@ def hash_name(name: str) -> float:
     word = 0
     for byte in name.encode():
         word = (word * 37 + byte) % 2**32
-    return float(hash_words(word, 0)) / LARGEST_ID
+    return float(hash_words(word, 0)) / LARGEST_WORD
 
 
 def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part | None:
