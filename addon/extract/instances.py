@@ -25,11 +25,12 @@ from .warnings import Warning, WarningList
 # Blender's random numbers of instances and of names are whole, 0 to this.
 LARGEST_WORD = 2**32 - 1
 
+# What has no surface, and the filter of view layers that leaves it out, if there is one.
 UNSUPPORTED_TYPES = {
-    "VOLUME": "volumes",
-    "CURVES": "hair curves",
-    "GPENCIL": "Grease Pencil drawings",
-    "GREASEPENCIL": "Grease Pencil drawings",
+    "VOLUME": ("volumes", "use_volumes"),
+    "CURVES": ("hair curves", "use_strand"),
+    "GPENCIL": ("Grease Pencil drawings", ""),
+    "GREASEPENCIL": ("Grease Pencil drawings", ""),
 }
 RAY_VISIBILITY = {
     "visible_camera": "camera",
@@ -123,6 +124,11 @@ class Context:
     kept: Kept = field(default_factory=Kept)
     entries: dict[PartKey, PartEntry] = field(default_factory=dict)
 
+    @property
+    def shows_surfaces(self) -> bool:
+        """True where meshes are shown: what casts rays heeds no view layer's filter, as Blender's own casts do not."""
+        return self.materials is None or self.view_layer.use_solid
+
 
 def walk_instances(depsgraph: Any, context: Context) -> Placements:
     """Return all that a depsgraph shows and that we can show."""
@@ -173,6 +179,9 @@ def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
     """Return what to show of an object, or None; as in the last extraction where nothing of it changed."""
     if shown.type not in ("MESH", "POINTCLOUD"):
         return make_other_part(shown, source, context)
+    if shown.type == "MESH" and not context.shows_surfaces:
+        warn_hair(source, context.view_layer, context.warnings)
+        return None
     key = source.original.session_uid, instancer.original.session_uid, shown.data.as_pointer()
     entry = context.kept.parts.get(key)
     entry = renew_part(entry, source, context) if entry else None
@@ -204,7 +213,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
     own = WarningList()
     seen_by = find_visibility(shown, instancer, context.view_layer)
     if seen_by:
-        warn_hair(source, own)
+        warn_hair(source, context.view_layer, own)
     points = extract_points(shown.data, source.name, own) if seen_by and shown.type == "POINTCLOUD" else None
     context.warnings.include(own.records)
     if not seen_by or (shown.type == "POINTCLOUD" and points is None):
@@ -244,7 +253,9 @@ def identify(materials: tuple[int, ...], context: Context) -> tuple[int, ...]:
 def make_other_part(shown: Any, source: Any, context: Context) -> Part | None:
     """Return a light's Part, or None for what is not shown."""
     if shown.type in UNSUPPORTED_TYPES:
-        context.warnings.add(f"{UNSUPPORTED_TYPES[shown.type]} are not supported, left out", source.name)
+        kind, filter_name = UNSUPPORTED_TYPES[shown.type]
+        if not filter_name or getattr(context.view_layer, filter_name):
+            context.warnings.add(f"{kind} are not supported, left out", source.name)
     return make_light_part(shown, source, context) if shown.type == "LIGHT" else None
 
 
@@ -280,9 +291,9 @@ def find_visibility(shown: Any, instancer: Any, view_layer: Any) -> int:
     return seen_by
 
 
-def warn_hair(source: Any, warnings: WarningList) -> None:
-    """Name particle systems that draw hair."""
-    for system in source.particle_systems:
+def warn_hair(source: Any, view_layer: Any, warnings: WarningList) -> None:
+    """Name particle systems that draw hair, where the view layer shows hair."""
+    for system in source.particle_systems if view_layer.use_strand else ():
         if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
             warnings.add(f"particle hair '{system.name}' is not supported, left out", source.name)
 

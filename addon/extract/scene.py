@@ -74,7 +74,9 @@ def extract_scene(
     placements = walk_instances(depsgraph, context)
     placed = place_parts(placements, warnings, materials is not None and materials.read_object_info)
     images = materials.images if materials else None
-    world = None if geometry_only else extract_world(versions.find_world(scene, view_layer), warnings, images)
+    world = None
+    if view_layer.use_sky and not geometry_only:
+        world = extract_world(versions.find_world(scene, view_layer), warnings, images)
     if kept is not None and materials is not None:
         kept.replace(context.entries, meshes.finish(), materials)
     record = raytracer.Scene(
