@@ -35,6 +35,12 @@ def decode_srgb(values: Floats) -> Floats:
     return np.where(values < 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
+def encode_srgb(values: Floats) -> Floats:
+    """Return sRGB numbers of linear ones, the inverse of `decode_srgb`."""
+    values = np.maximum(values, 0.0)
+    return np.where(values < 0.04045 / 12.92, values * 12.92, 1.055 * values ** (1 / 2.4) - 0.055)
+
+
 def _weigh_closest(at: Floats) -> tuple[Indices, list[Floats]]:
     return np.floor(at).astype(np.int64), [np.ones_like(at)]
 

@@ -2,6 +2,16 @@
 
 Byte images stay bytes, straight from Blender and still encoded; float images are scene linear already. Alpha is
 multiplied in where Cycles does so: never for data, channel-packed images, or where alpha is switched off.
+
+Whether a file's colors are multiplied by alpha is for its Alpha mode to say, as in Blender's manual and in all that
+reads images through Blender: EEVEE, the viewport, and Cycles for packed and generated ones. Cycles reads other files by
+itself, and there goes by their format alone: colors of an OpenEXR file set to Straight, or of a PNG set to
+Premultiplied, are then wrong by the factor alpha.
+
+References
+----------
+Blender, intern/cycles/scene/image_oiio.cpp (image_associate_alpha), blender/image.cpp; source/blender/imbuf/intern/
+readimage.cc (imb_handle_alpha); manual, Editors > Image Editor > Image Settings > Alpha.
 """
 
 from __future__ import annotations
@@ -13,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.scene.programs import Image
+from raytracer.textures.image import encode_srgb
 
 from ... import versions
 from ..kept import Kept
@@ -26,6 +37,8 @@ LARGEST_BYTE = 255
 # stands between, and to get so much from the system takes longer than to compute it.
 BLOCK = 1 << 18
 UNASSOCIATED_MODES = ("CHANNEL_PACKED", "NONE")
+# A missing image in sRGB, which is decoded after interpolation as any other.
+MAGENTA = Image(np.array([[(1.0, 0.0, 1.0, 1.0)]], dtype=np.float32), "srgb", "missing")
 
 
 class ImageTable:
@@ -38,7 +51,8 @@ class ImageTable:
         self.silent: dict[int, Image | None] = {}
 
     def find_image(self, image: Any, node: str, place: Place) -> Image | None:
-        """Return an image as the tracer's, or None, which shows magenta, for one that is missing."""
+        """Return an image as the tracer's, or None, which shows magenta, for none; magenta in its own color space for
+        one whose file is missing."""
         if image is None:
             return None
         key = image.original.session_uid
@@ -48,9 +62,11 @@ class ImageTable:
             self._images[key] = extract_image(image, place) if last is None else last
             if len(place.warnings.records) == count:
                 self.silent[key] = self._images[key]
-        if self._images[key] is None:
+        found = self._images[key]
+        if found is None:
             place.warn(f"node '{node}': image '{image.name}' is missing, magenta is shown")
-        return self._images[key]
+            return MAGENTA if image.colorspace_settings.name == "sRGB" else None
+        return found
 
 
 def is_associated(image: Any) -> bool:
@@ -76,7 +92,26 @@ def extract_image(image: Any, place: Place) -> Image | None:
         found[..., 3] = LARGEST_BYTE if found.dtype == np.uint8 else 1.0
     if is_associated(image) and versions.multiplies_alpha(image):
         found = associate(found)
-    return Image(found, "linear", image.name) if image.is_float else decode(found, image, place)
+    if not image.is_float:
+        return decode(found, image, place)
+    if image.colorspace_settings.name == "sRGB" and is_read_from_file(image):
+        return Image(encode(found, is_associated(image)), "srgb", image.name)
+    return Image(found, "linear", image.name)
+
+
+def is_read_from_file(image: Any) -> bool:
+    """True for an image that Cycles reads from its file by itself: neither packed nor generated nor painted on."""
+    return image.source != "GENERATED" and not image.packed_file and not image.is_dirty
+
+
+def encode(pixels: Pixels, associated: bool) -> Pixels:
+    """Return linear float pixels as their sRGB file held them, which is what Cycles interpolates (16 bits per channel).
+
+    associated : True where colors are multiplied by alpha, which then the encoded ones are
+    """
+    alpha = np.where((pixels[..., 3:] > 0) & associated, pixels[..., 3:], 1.0).astype(np.float64)
+    colors = encode_srgb(pixels[..., :3] / alpha) * alpha
+    return np.concatenate([colors.astype(np.float32), pixels[..., 3:]], axis=2)
 
 
 def drop_infinities(pixels: Pixels) -> Pixels:

@@ -15,7 +15,7 @@ from raytracer.arrays.vectors import normalize
 from raytracer.lecture import length
 from raytracer.sampling.direction_map import find_equirectangular
 from raytracer.scene.programs import Image
-from raytracer.shading.nodes.images import MAGENTA
+from raytracer.shading.nodes.images import MISSING_IMAGE
 from raytracer.shading.nodes.operation import Array, Operation, spread
 from raytracer.shading.site import Site
 from raytracer.textures.image import sample_image
@@ -35,11 +35,10 @@ PROJECTIONS = {"EQUIRECTANGULAR": find_equirectangular, "MIRROR_BALL": find_mirr
 
 def read_environment(site: Site, vector: Any, *, image: Image | None, interpolation: str, projection: str) -> Array:
     """The color of an image in the direction of `vector`; None is a missing one."""
-    if image is None:
-        return MAGENTA[:3]
     directions = normalize(np.broadcast_to(np.asarray(vector, float), (len(site), 3)))
     u, v = PROJECTIONS[projection](directions)
-    return sample_image(image, np.stack([u, v], axis=1), interpolation, "REPEAT")[:, :3]
+    shown = MISSING_IMAGE if image is None else image
+    return sample_image(shown, np.stack([u, v], axis=1), interpolation, "REPEAT")[:, :3]
 
 
 LIMB_DARKENING = 0.6

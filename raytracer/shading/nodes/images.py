@@ -16,7 +16,8 @@ from raytracer.shading.nodes.operation import Array, Operation, divide, saturate
 from raytracer.shading.site import Site
 from raytracer.textures.image import sample_image
 
-MAGENTA = np.array([1.0, 0.0, 1.0, 1.0])  # what a missing image shows
+# What stands for a missing image: one magenta pixel, read as any other, so that it fades where images are clipped.
+MISSING_IMAGE = Image(np.array([[(1.0, 0.0, 1.0, 1.0)]], dtype=np.float32), name="missing")
 
 
 def _map_sphere(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
@@ -49,12 +50,10 @@ def read_texture(
     unassociate: bool,
 ) -> tuple[Array, Array]:
     """Color and alpha of an image; None is a missing one."""
-    count = len(site)
-    if image is None:
-        return MAGENTA[:3], MAGENTA[3]
+    count, shown = len(site), MISSING_IMAGE if image is None else image
 
     def read(u: Array, v: Array) -> Array:
-        return sample_image(image, np.stack([u, v], axis=1), interpolation, extension, unassociate)
+        return sample_image(shown, np.stack([u, v], axis=1), interpolation, extension, unassociate)
 
     x, y, z = np.broadcast_to(np.asarray(vector, float), (count, 3)).T
     if projection == "BOX":
