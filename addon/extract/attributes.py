@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.shading.site_tables import UNDEFORMED
+
 from .meshes import Geometry, read_array, read_corners
 from .shaders.node_settings import DEFAULT_COLOR, DEFAULT_UV, GENERATED
 
@@ -34,6 +36,8 @@ def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | No
     kind that materials read."""
     if name == GENERATED:
         return read_generated(mesh)
+    if name == UNDEFORMED:  # wanted only in place of coordinates
+        return None if len(mesh.uv_layers) else read_array(mesh.vertices, "undeformed_co", np.float32, 3)
     if name == DEFAULT_UV:
         attribute = next((layer for layer in mesh.uv_layers if layer.active_render), None)
         name = "" if attribute is None else attribute.name

@@ -15,13 +15,14 @@ import numpy as np
 import raytracer
 from raytracer.scene.programs import Program, Register, Value
 from raytracer.shading.evaluate import list_attributes, list_steps
-from raytracer.shading.site_tables import TANGENT
+from raytracer.shading.site_tables import TANGENT, UNDEFORMED
 
 from ... import versions
 from ..kept import Kept
 from ..warnings import Warning, WarningList
 from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
+from .node_settings import DEFAULT_UV
 from .nodes import Groups, Place, Source, find_source, identify, read_color, read_links_once
 from .programs import ProgramBuilder
 
@@ -259,9 +260,10 @@ class MaterialTable:
         return self.entries[index].identity
 
     def list_attributes(self, indices: Sequence[int]) -> set[str]:
-        """Return the names of the mesh attributes that some of the materials read."""
+        """Return the names of the mesh attributes that some of the materials read, or that tangents are made of."""
         names = set[str]().union(*(self.entries[index].attributes for index in indices))
-        return {name.removeprefix(TANGENT) for name in names}
+        stand_in = {UNDEFORMED} if TANGENT + DEFAULT_UV in names else set()
+        return {name.removeprefix(TANGENT) for name in names} | stand_in
 
     @property
     def read_object_info(self) -> bool:
