@@ -32,9 +32,6 @@ def extract_light(light: Any, name: str, world_from_light: Matrix, warnings: War
     settings = versions.read_light_settings(light)
     power = np.array(light.color, dtype=np.float64) * settings.temperature_color * settings.gain * light.energy
     power = power * read_light_nodes(light, place)
-    if (power < 0).any():
-        place.warn("negative light is not supported: treated as black")
-        power = np.maximum(power, 0.0)
     if not power.any():
         return None
     bounces = versions.read_light_bounces(light)

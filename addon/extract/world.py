@@ -42,7 +42,7 @@ def extract_world(world: Any, warnings: WarningList, images: ImageTable | None =
     color = hide_from_rays(builder, sum_colors(builder, shining), world)
     if isinstance(color, Register):
         return raytracer.World(color, Program(builder.steps))
-    return raytracer.World(read_color(color))
+    return raytracer.World(color)
 
 
 def sum_colors(builder: ProgramBuilder, colors: list[Value]) -> Value:

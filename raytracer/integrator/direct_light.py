@@ -45,7 +45,7 @@ def sample_lights(
     for source in sources:
         found = source.sample(replace(points, sampler=points.sampler.skip(source.dimension)))
         light = reflect_light(points.shading, probabilities, found.light, source.seen_by) * throughput
-        lit = np.flatnonzero((found.light.density > 0) & any_column(light > 0))
+        lit = np.flatnonzero((found.light.density > 0) & any_column(light != 0))
         rays = _aim(points.surface, found.light, lit) if source.cast_shadow or all_rays else None
         passages, key = points.passages[lit], found.key[lit]
         light = take_rows(light, lit)

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
 from raytracer.scene.lights import World
 from raytracer.scene.materials import Closure
@@ -69,7 +71,7 @@ def _has_weight(closure: Closure) -> bool:
 def _emits(closure: Closure) -> bool:
     name = "color" if closure.kind == "emission" else "emission"
     kind = closure.kind in ("emission", "principled")
-    return kind and _has_weight(closure) and _may(closure, name, lambda color: color.max() > 0)
+    return kind and _has_weight(closure) and _may(closure, name, np.any)
 
 
 def _is_diffuse(closure: Closure) -> bool:
@@ -101,7 +103,7 @@ def _lets_through(closure: Closure) -> bool:
 
 
 def _shines(world: World) -> bool:
-    return isinstance(world.color, Register) or bool(world.color.max() > 0)
+    return isinstance(world.color, Register) or bool(world.color.any())
 
 
 def _is_any(scene: Scene, name: str) -> bool:

@@ -315,7 +315,7 @@ def find_branches(integrator: Integrator, wave: Wave) -> Iterator[Branch]:
         total = weight + (found[key][1] if key in found else 0.0)
         found[key] = direction, total, bounce
     for (kind, _), (direction, weight, bounce) in found.items():
-        if weight.max() > 0:
+        if weight.any():
             sample = BsdfSample(
                 direction[np.newaxis], np.ones((1, 3)), np.array([np.inf]), np.array([bounce], np.uint8)
             )

@@ -240,9 +240,9 @@ def _find_visible(lights: list[Light], reflects: bool) -> tuple[Light, ...]:
 
 
 def light_is_on(light: Light) -> bool:
-    """True where a light sends any light."""
+    """True where a light sends any light, or takes any away."""
     power = light.strength if hasattr(light, "strength") else light.power
-    return bool(power.max() > 0)
+    return bool(power.any())
 
 
 def _gather_records(scene: Scene, name: str, dtype: type) -> NDArray[Any]:

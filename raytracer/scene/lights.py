@@ -1,4 +1,4 @@
-"""Lights, in Blender's units: watts, and W/m^2 for the sun."""
+"""Lights, in Blender's units: watts, and W/m^2 for the sun. Light below 0 takes light away."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from raytracer.scene.fields import (
     SEEN_BY_ALL,
     require_text,
     set_array,
-    set_color,
     set_field,
     set_flags,
+    set_light,
     set_number,
     set_receivers,
     set_seen_by,
@@ -63,7 +63,7 @@ class PointLight:
         label = check_shared_fields(self)
         set_array(self, "position", np.float64, (3,), label)
         set_flags(self, ("soft_falloff",), label)
-        set_color(self, "power", label)
+        set_light(self, "power", label)
         set_number(self, "radius", 0.0, np.inf, label)
 
 
@@ -121,7 +121,7 @@ class SunLight:
         # Where a square would leave float64, or a length is not 1 to the last bit: scaled by a power of 2, exactly.
         scaled = np.ldexp(direction, -int(np.frexp(largest)[1]))
         set_field(self, "direction", scaled / np.linalg.norm(scaled))
-        set_color(self, "strength", label)
+        set_light(self, "strength", label)
         set_number(self, "angle", 0.0, np.pi, label)
 
 
@@ -151,7 +151,7 @@ class AreaLight:
         label = check_shared_fields(self)
         for name in ("position", "axis_u", "axis_v"):
             set_array(self, name, np.float64, (3,), label)
-        set_color(self, "power", label)
+        set_light(self, "power", label)
         require_choice(self.shape, ("rectangle", "ellipse"), f"{label}: shape")
         set_number(self, "spread", 0.0, np.pi, label)
 
@@ -175,4 +175,4 @@ class World:
         if isinstance(self.color, Register):
             check_register(self.color, self.program, "World: color")
         else:
-            set_color(self, "color", "World")
+            set_light(self, "color", "World")

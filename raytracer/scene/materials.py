@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 
 from raytracer.arrays.checks import require_choice
-from raytracer.scene.fields import make_records, require_text, set_color, set_count, set_field, set_flags, set_number
+from raytracer.scene.fields import (
+    make_records,
+    require_text,
+    set_color,
+    set_count,
+    set_field,
+    set_flags,
+    set_light,
+    set_number,
+)
 from raytracer.scene.programs import Program, Register, check_program, check_register, make_value
 
 # The colors of a closure, its directions, and the range of each of its numbers.
@@ -31,6 +40,11 @@ CLOSURE_KINDS = (
     *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon"),
 )
 DISTRIBUTIONS = ("ggx", "beckmann")
+
+
+def shines(kind: str, name: str) -> bool:
+    """True for a parameter that is light and may be below 0, which takes light away; other colors may not."""
+    return name == "emission" or (kind == "emission" and name == "color")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +105,7 @@ class Closure:
         computed = self.registers
         for name in CLOSURE_COLORS:
             if name not in computed:
-                set_color(self, name, label)
+                (set_light if shines(self.kind, name) else set_color)(self, name, label)
         for name, (low, high) in CLOSURE_RANGES.items():
             if name not in computed:
                 set_number(self, name, low, high, label)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats
-from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_RANGES, CLOSURE_VECTORS, Closure
+from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_RANGES, CLOSURE_VECTORS, Closure, shines
 from raytracer.scene.programs import Program, Register, Value
 from raytracer.scene.scene import Scene
 from raytracer.shading.evaluate import evaluate, find_needed, list_attributes
@@ -34,11 +34,13 @@ class Recipe:
 
     values : the register, or the constant direction, of a field of a closure, by (slot, field)
     needed : the program's steps for them
+    shining : those of the values that are light
     """
 
     program: Program
     values: dict[Slot, Value]
     needed: tuple[int, ...]
+    shining: frozenset[Slot]
 
 
 Recipes = dict[int, Recipe]
@@ -83,7 +85,8 @@ def _make_recipes(
             values |= {(slot, name): value for name, value in computed.items() if name in wanted}
         if values:
             program = programs[material]
-            recipes[material] = Recipe(program, values, find_needed(program, values.values()))
+            shining = frozenset((slot, name) for slot, name in values if shines(closures[slot].kind, name))
+            recipes[material] = Recipe(program, values, find_needed(program, values.values()), shining)
     return recipes
 
 
@@ -101,7 +104,8 @@ def compute_columns(computed: ComputedMaterials, recipes: Recipes, surface: Surf
         for slot, value in recipe.values.items():
             width = (3,) if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else ()
             column = columns.setdefault(slot, np.full((len(surface), *width), np.nan))
-            column[points] = limit(slot[1], outputs[value] if isinstance(value, Register) else value)
+            found = outputs[value] if isinstance(value, Register) else value
+            column[points] = limit(slot[1], found, slot in recipe.shining)
     return columns
 
 
@@ -110,10 +114,10 @@ def _make_site(computed: ComputedMaterials, surface: Surface, path: LightPath | 
     return Site(surface, computed.tables, chosen, measure_footprint(computed.tables, surface, chosen))
 
 
-def limit(name: str, values: object) -> Floats:
-    """Return a field's values cut to its range, as Cycles cuts them; what is not finite becomes 0."""
+def limit(name: str, values: object, shining: bool = False) -> Floats:
+    """Return a field's values cut to its range, as Cycles cuts them, light uncut; what is not finite becomes 0."""
     found = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0, posinf=0.0, neginf=0.0)
-    if name in CLOSURE_VECTORS:
+    if shining or name in CLOSURE_VECTORS:
         return found
     low, high = CLOSURE_RANGES.get(name, (0.0, np.inf))
     return np.clip(found, low, high)

@@ -136,6 +136,7 @@ def read_principled(inputs: NodeInputs) -> Fields:
         "transmission": inputs.number("Transmission Weight", high=1.0),
         "specular": inputs.number("Specular IOR Level", high=1.0),
         "specular_tint": inputs.color("Specular Tint"),
+        # As in Cycles, a constant strength below 0 is none, while one that nodes compute takes light away.
         "emission": builder.scale(inputs.color("Emission Color"), inputs.number("Emission Strength")),
         "alpha": inputs.number("Alpha", high=1.0),
         "normal": inputs.normal(),
@@ -256,7 +257,10 @@ def read_transparent(inputs: NodeInputs) -> Fields:
 
 
 def read_emission(inputs: NodeInputs) -> Fields:
-    return {"kind": "emission", "color": inputs.builder.scale(inputs.color("Color"), inputs.number("Strength"))}
+    return {
+        "kind": "emission",
+        "color": inputs.builder.scale(inputs.color("Color"), inputs.number("Strength", low=-np.inf)),
+    }
 
 
 def read_holdout(inputs: NodeInputs) -> Fields:

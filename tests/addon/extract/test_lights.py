@@ -121,7 +121,6 @@ def test_dark_lights_and_portals_are_left_out(add_light: Callable[..., Any]) -> 
 @pytest.mark.parametrize(
     ("kind", "fields", "scale", "words"),
     [
-        ("POINT", {"energy": -1}, 1, "negative"),
         ("AREA", {"energy": 1, "size": 0}, 1, "without area"),
         ("SUN", {"energy": 1}, 0, "scaled to zero"),
         ("SPOT", {"energy": 1}, 0, "scaled to zero"),
@@ -136,6 +135,15 @@ def test_light_that_cannot_be_is_named(
     (warning,) = extraction.warnings
     assert warning.object == "Light"
     assert words in warning.text
+
+
+@pytest.mark.parametrize("kind", ["POINT", "SUN", "SPOT", "AREA"])
+def test_light_below_0_takes_light_away(add_light: Callable[..., Any], kind: str) -> None:
+    add_light(kind, energy=-2.0)
+    extraction = extract()
+    (light,) = extraction.scene.lights
+    assert (getattr(light, "strength" if kind == "SUN" else "power") < 0).all()
+    assert not extraction.warnings
 
 
 def test_light_is_hidden_from_some_rays(add_light: Callable[..., Any]) -> None:

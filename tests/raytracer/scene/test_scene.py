@@ -127,8 +127,8 @@ def make_full_scene():
             r"Closure 'glass': ior: expected numbers from 4.94066e-324 to 3.40282e\+38, got 0",
         ),
         (
-            lambda: PointLight((0, 0, 0), -1, name="Lamp"),
-            r"PointLight 'Lamp': power: expected numbers from 0 to 3.40282e\+38, got -1",
+            lambda: PointLight((0, 0, 0), 1, radius=-1, name="Lamp"),
+            r"PointLight 'Lamp': radius: expected numbers from 0 to 3.40282e\+38, got -1",
         ),
         (
             lambda: PointLight((0, 0, NAN), 1, name="Lamp"),
