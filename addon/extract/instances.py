@@ -275,9 +275,12 @@ def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
         return None
     return Part(
         object=ObjectKey(source.name_full, source.original.session_uid),
+        pass_index=shown.pass_index,
+        color=tuple(shown.color),
         light=shown.data,
         seen_by=seen_by,
         shadow_catcher=shown.is_shadow_catcher,
+        random=hash_name(source.name),
     )
 
 

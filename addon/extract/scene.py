@@ -72,8 +72,8 @@ def extract_scene(
     warn_missing(depsgraph, warnings)
     context = Context(view_layer, meshes, materials, warnings, space, last)
     placements = walk_instances(depsgraph, context)
-    placed = place_parts(placements, warnings, materials is not None and materials.read_object_info)
     images = materials.images if materials else None
+    placed = place_parts(placements, warnings, images, materials is not None and materials.read_object_info)
     world = None
     if view_layer.use_sky and not geometry_only:
         world = extract_world(versions.find_world(scene, view_layer), warnings, images)

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 import raytracer
 from raytracer.scene.programs import Program, Register, Value
 
 from .. import versions
 from .shaders.images import ImageTable
-from .shaders.materials import read_shader
+from .shaders.materials import read_shine
 from .shaders.nodes import Place, read_color
 from .shaders.programs import ProgramBuilder
 from .warnings import WarningList
@@ -35,23 +33,13 @@ def extract_world(world: Any, warnings: WarningList, images: ImageTable | None =
     if output.inputs["Volume"].is_linked:
         place.warn("volume is not supported, left out")
     builder = ProgramBuilder(place, images or ImageTable())
-    closures = read_shader(output.inputs["Surface"], (), 1.0, builder)
-    shining = [builder.scale(closure.color, closure.weight) for closure in closures if closure.kind == "emission"]
-    if not shining:
+    shine = read_shine(output.inputs["Surface"], builder)
+    if shine is None:
         return None
-    color = hide_from_rays(builder, sum_colors(builder, shining), world)
+    color = hide_from_rays(builder, shine, world)
     if isinstance(color, Register):
         return raytracer.World(color, Program(builder.steps))
     return raytracer.World(color)
-
-
-def sum_colors(builder: ProgramBuilder, colors: list[Value]) -> Value:
-    """Return the sum of colors."""
-    total = colors[0]
-    for color in colors[1:]:
-        inputs = (total, color, np.zeros(3), 1.0)
-        total = builder.add("VECT_MATH Vector", inputs, {"operation": "ADD"})["Vector"]
-    return total
 
 
 # The flags of a world's Ray Visibility, and the rays that they are for.

@@ -45,6 +45,9 @@ def sample_lights(
     for source in sources:
         found = source.sample(replace(points, sampler=points.sampler.skip(source.dimension)))
         light = reflect_light(points.shading, probabilities, found.light, source.seen_by) * throughput
+        if source.max_bounces is not None:
+            assert points.bounces is not None
+            light[points.bounces > source.max_bounces] = 0.0
         lit = np.flatnonzero((found.light.density > 0) & any_column(light != 0))
         rays = _aim(points.surface, found.light, lit) if source.cast_shadow or all_rays else None
         passages, key = points.passages[lit], found.key[lit]

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
-from raytracer.scene.lights import World
+from raytracer.scene.lights import Light, World
 from raytracer.scene.materials import Closure
 from raytracer.scene.programs import Register
 from raytracer.scene.scene import Scene
-from raytracer.shading.evaluate import casts_rays
+from raytracer.shading.evaluate import casts_rays, list_steps
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
 SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
@@ -41,6 +41,8 @@ class Features:
     ray_visibility : an object is hidden from some rays
     programs : a parameter of a material is computed at each point
     occlusion : a program casts rays
+    light_nodes : a light has nodes that vary
+    light_bounces : a light asks how many bounces led to what it lights, for a limit or for its nodes
     """
 
     smooth_normals: bool
@@ -57,6 +59,8 @@ class Features:
     ray_visibility: bool
     programs: bool
     occlusion: bool
+    light_nodes: bool
+    light_bounces: bool
 
 
 def _may(closure: Closure, name: str, predicate: Callable[[Any], Any]) -> bool:
@@ -112,6 +116,11 @@ def _is_any(scene: Scene, name: str) -> bool:
     return placed or any(getattr(group, name) for group in scene.spheres)
 
 
+def _counts_bounces(light: Light) -> bool:
+    steps = () if light.nodes is None else list_steps(light.nodes.program)
+    return light.max_bounces is not None or any(step.operation == "LIGHT_PATH Ray Depth" for step in steps)
+
+
 def derive_features(scene: Scene) -> Features:
     """Return the Features of `scene`."""
     closures = [closure for material in scene.materials for closure in material.closures]
@@ -134,4 +143,6 @@ def derive_features(scene: Scene) -> Features:
         ray_visibility=hides,
         programs=any(closure.registers or closure.vectors for closure in closures),
         occlusion=any(casts_rays(material.program) for material in scene.materials),
+        light_nodes=any(light.nodes is not None for light in scene.lights),
+        light_bounces=any(map(_counts_bounces, scene.lights)),
     )

@@ -32,7 +32,7 @@ from raytracer.integrator.contributions import add_background, add_emission, add
 from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import Integrator, light_is_on, prepare
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
-from raytracer.integrator.loop import find_closed
+from raytracer.integrator.loop import count_all, find_closed
 from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
@@ -235,7 +235,8 @@ def trace_shadows(inspector: Inspector, wave: Wave) -> Iterator[Shadow]:
     """Yield a shadow ray to each source of light of which the surface sends anything back."""
     integrator = inspector.integrator
     sampler = Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
-    points = ShadingPoints(wave.surface, wave.shading, wave.paths.passages, sampler)
+    bounces = count_all(integrator, wave.paths)
+    points = ShadingPoints(wave.surface, wave.shading, wave.paths.passages, sampler, bounces)
     # Nothing but light sampling brings this light: no other way to its directions has a probability.
     probabilities = np.zeros((1, 1 + len(wave.shading.lobes)))
     row = np.zeros(1, np.intp)

@@ -5,8 +5,8 @@ What a scene lacks has no stage, no table and costs nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -31,6 +31,7 @@ from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, tran
 from raytracer.lights.emitters import Emitters, make_emitters
 from raytracer.lights.environment import Environment, make_environment
 from raytracer.lights.light_linking import LightLinks
+from raytracer.lights.light_nodes import ComputedLight, make_computed_lights
 from raytracer.lights.lights import has_extent
 from raytracer.sampling.dimensions import WaveDimensions, allocate_dimensions
 from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
@@ -53,6 +54,8 @@ class Integrator:
     cast : finds what rays hit of what they see
     sources : one for each source of light that surfaces are lit by
     visible_lights : lights that a reflected ray can meet
+    light_nodes : what evaluates the nodes of lights that have any
+    counts_bounces : True where a light asks how many bounces led to what it lights
     emitters : None where nothing is emissive
     background : the world, or None where it is black
     visibility : how shadow rays fare
@@ -89,6 +92,8 @@ class Integrator:
     links: LightLinks | None = None
     is_catcher: Booleans | None = None
     catchers_only: Integrator | None = None
+    light_nodes: Mapping[Light, ComputedLight] = field(default_factory=dict)
+    counts_bounces: bool = False
 
 
 def prepare(
@@ -118,7 +123,10 @@ def prepare(
     background = None
     if features.world and needs_light and scene.world is not None:
         background = make_environment(scene.world, scene.camera, resolution)
-    compose = partial(_compose, scene, settings, features, tables, materials, background)
+    computed: dict[Light, ComputedLight] = {}
+    if features.light_nodes and needs_light:
+        computed = make_computed_lights(scene.lights, scene.camera, resolution)
+    compose = partial(_compose, scene, settings, features, tables, materials, background, computed)
     whole = compose(caster)
     if not catches_shadows(features, settings):
         return whole
@@ -144,11 +152,13 @@ def _compose(
     tables: SurfaceTables,
     materials: MaterialTable,
     background: Environment | None,
+    computed: Mapping[Light, ComputedLight],
     caster: RayCaster,
     present: Booleans | None = None,
 ) -> Integrator:
     """Return the stages of a scene, or of its shadow catchers alone, with what lights them.
 
+    computed : what evaluates the nodes of lights that have any
     caster : of what is present
     present : (instances + groups,) bool, which are shadow catchers; None for the whole scene
     """
@@ -159,7 +169,7 @@ def _compose(
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
     lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     links = _link_lights(scene) if features.light_linking else None
-    sources = _list_sources(lights, emitters, background, links, features.rough or interreflects)
+    sources = _list_sources(lights, computed, emitters, background, links, features.rough or interreflects)
     dimensions = allocate_dimensions(
         [source.dimension_count for source in sources], programs=features.occlusion, roulette=interreflects
     )
@@ -184,6 +194,8 @@ def _compose(
         materials=materials,
         sources=set_chances(sources),
         visible_lights=visible_lights,
+        light_nodes=computed,
+        counts_bounces=features.light_bounces,
         emitters=emitters,
         background=background,
         visibility=visibility,
@@ -206,6 +218,7 @@ def _link_lights(scene: Scene) -> LightLinks:
 
 def _list_sources(
     lights: list[Light],
+    computed: Mapping[Light, ComputedLight],
     emitters: Emitters | None,
     background: Environment | None,
     links: LightLinks | None,
@@ -215,7 +228,7 @@ def _list_sources(
 
     weigh : True where reflected rays can meet a light
     """
-    sources = [make_light_source(light, weigh, links) for light in lights]
+    sources = [make_light_source(light, weigh, links, computed.get(light)) for light in lights]
     if emitters is not None:
         sources.append(EmissiveGeometry(emitters=emitters, links=links))
     if background is not None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from raytracer.arrays.rows import any_column, sum_columns
-from raytracer.arrays.types import Booleans, Floats
+from raytracer.arrays.types import Booleans, Counts, Floats
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
 from raytracer.casting.rays import Hits, Rays
@@ -145,7 +145,7 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     sampler = sampler.select(paths.row)
     ended = find_ended(paths.bounces, integrator.settings) | find_closed(integrator, paths)
     probabilities = weigh_lobes(integrator, wave, ended)
-    points = ShadingPoints(surface, wave.shading, paths.passages, sampler)
+    points = ShadingPoints(surface, wave.shading, paths.passages, sampler, count_all(integrator, paths))
     throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
     shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row)
 
@@ -159,6 +159,11 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     end_in_the_dark(integrator, paths, sample)
     play_roulette(integrator, paths, sample, sampler)
     return Shaded(shadow_rays, advance(wave, sample))
+
+
+def count_all(integrator: Integrator, paths: Paths) -> Counts | None:
+    """Return the bounces (k,) of all kinds of paths, or None where no light asks."""
+    return sum_columns(paths.bounces) if integrator.counts_bounces else None
 
 
 def find_closed(integrator: Integrator, paths: Paths) -> Booleans:

@@ -14,6 +14,7 @@ from raytracer.scene.fields import (
     SEEN_BY_ALL,
     require_text,
     set_array,
+    set_count,
     set_field,
     set_flags,
     set_light,
@@ -22,6 +23,7 @@ from raytracer.scene.fields import (
     set_seen_by,
 )
 from raytracer.scene.programs import Program, Register, check_program, check_register
+from raytracer.scene.shapes import Instances
 
 # Blender's default ray visibility of a light; shadow rays are not affected.
 LIGHT_SEEN_BY = SEEN_BY_ALL - SEEN_BY["camera"]
@@ -34,7 +36,33 @@ def check_shared_fields(light: Any) -> str:
     set_flags(light, ("cast_shadow", "shadow_catcher"), label)
     set_seen_by(light, label)
     set_receivers(light, label)
+    if light.max_bounces is not None:
+        set_count(light, "max_bounces", label)
+    if light.nodes is not None and not isinstance(light.nodes, LightNodes):
+        raise ValueError(f"{label}: nodes: expected LightNodes or None, got {type(light.nodes).__name__}")
     return label
+
+
+@dataclass(frozen=True, eq=False)
+class LightNodes:
+    """What a light's nodes make of it: a factor of its radiance that a program computes at each sample.
+
+    color : linear RGB, a Register of `program`
+    placed : one instance, whose matrix, color and numbers are those of the light's object
+    """
+
+    color: Register
+    program: Program
+    placed: Instances
+
+    def __post_init__(self) -> None:
+        check_program(self.program, "LightNodes: program")
+        if not isinstance(self.color, Register) or self.program is None:
+            raise ValueError(f"LightNodes: color: expected a Register of the program, got {self.color!r:.80}")
+        check_register(self.color, self.program, "LightNodes: color")
+        if not isinstance(self.placed, Instances) or len(self.placed) != 1:
+            given = f"{len(self.placed)}" if isinstance(self.placed, Instances) else type(self.placed).__name__
+            raise ValueError(f"LightNodes: placed: expected one instance, got {given}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +75,8 @@ class PointLight:
     shadow_catcher : True for a light that is part of what shadow catchers stand for: they know its light without the
         other objects. So for all lights
     receivers : the sets of objects that it lights, as bits: 1 << light_set. So for all lights
+    max_bounces : it lights nothing that a path has bounced to more often; None without limit. So for all lights
+    nodes : LightNodes, or None for an even light. So for all lights
     """
 
     position: Any
@@ -58,6 +88,8 @@ class PointLight:
     seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
+    max_bounces: int | None = None
+    nodes: LightNodes | None = None
 
     def __post_init__(self) -> None:
         label = check_shared_fields(self)
@@ -111,6 +143,8 @@ class SunLight:
     seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
+    max_bounces: int | None = None
+    nodes: LightNodes | None = None
 
     def __post_init__(self) -> None:
         label = check_shared_fields(self)
@@ -146,6 +180,8 @@ class AreaLight:
     seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
+    max_bounces: int | None = None
+    nodes: LightNodes | None = None
 
     def __post_init__(self) -> None:
         label = check_shared_fields(self)

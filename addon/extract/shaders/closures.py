@@ -38,16 +38,10 @@ UNSUPPORTED_INPUTS = {
 
 
 class NodeInputs:
-    """Reads the inputs of one shader node: constants, or registers of the material's program.
+    """Reads the inputs of one shader node: constants, or registers of the material's program."""
 
-    Where only constants will do (`constants_only`), what a program would compute is replaced by the socket's own value
-    and reported.
-    """
-
-    def __init__(self, node: Any, groups: Groups, builder: ProgramBuilder, constants_only: bool) -> None:
+    def __init__(self, node: Any, groups: Groups, builder: ProgramBuilder) -> None:
         self.node, self.groups, self.builder = node, groups, builder
-        self._constants_only = constants_only
-        self._replaced: list[str] = []
 
     @property
     def place(self) -> Place:
@@ -95,15 +89,7 @@ class NodeInputs:
         return fields
 
     def _read(self, identifier: str, kind: str) -> Value:
-        socket = find_socket(self.node.inputs, identifier)
-        value = self.builder.value_of(socket, self.groups, kind)
-        if not (self._constants_only and isinstance(value, Register)):
-            return value
-        own = socket.default_value
-        source = find_source(socket, self.groups).socket
-        shown = f"{own:.3g}" if np.ndim(own) == 0 else f"({', '.join(f'{part:.3g}' for part in own[:3])})"
-        self._replaced.append(f"{socket.name} {shown} instead of node '{source.node.name}'")
-        return read_number(own) if kind == "number" else read_color(own)
+        return self.builder.value_of(find_socket(self.node.inputs, identifier), self.groups, kind)
 
     def is_used(self, identifier: str) -> bool:
         """Return True where an optional input is linked, or set to something other than zero."""
@@ -114,12 +100,6 @@ class NodeInputs:
         if source is None or source.is_output or socket.type == "VECTOR":
             return source is None or source.is_output
         return read_number(source.default_value) != 0
-
-    def report(self) -> None:
-        """Add one warning that lists the inputs that constants replaced."""
-        if self._replaced:
-            listed = ", ".join(self._replaced)
-            self.place.warn(f"node '{self.node.name}': only constants are supported, used {listed}")
 
 
 Fields = dict[str, Any]

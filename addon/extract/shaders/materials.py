@@ -30,22 +30,16 @@ from .programs import ProgramBuilder
 OBJECT_READERS = frozenset(f"OBJECT_INFO {output}" for output in ("Color", "Alpha", "Random"))
 
 
-def read_shader(
-    socket: Any, groups: Groups, weight: Value, builder: ProgramBuilder, constants_only: bool = False
-) -> list[raytracer.Closure]:
+def read_shader(socket: Any, groups: Groups, weight: Value, builder: ProgramBuilder) -> list[raytracer.Closure]:
     """Return the weighted closures that feed a shader socket; none where nothing is linked to it.
 
     A shader that reaches the socket on several ways is read once, with the sum of their weights.
-
-    constants_only : True replaces what would vary by the sockets' own values, with a warning
     """
     with read_links_once():
-        return list(read_closures(FedShader.find(socket, groups), weight, builder, constants_only))
+        return list(read_closures(FedShader.find(socket, groups), weight, builder))
 
 
-def read_closures(
-    root: FedShader, weight: Value, builder: ProgramBuilder, constants_only: bool
-) -> Iterator[raytracer.Closure]:
+def read_closures(root: FedShader, weight: Value, builder: ProgramBuilder) -> Iterator[raytracer.Closure]:
     """Yield the weighted closures of `read_shader`."""
     order = order_shaders(root)
     weights: dict[Any, Value] = {shader.key: weight for shader in order[:1]}
@@ -54,13 +48,12 @@ def read_closures(
         if isinstance(weight, float) and weight == 0:
             continue
         if shader.is_mixed:
-            inputs = NodeInputs(shader.node, shader.source.groups, builder, constants_only)
+            inputs = NodeInputs(shader.node, shader.source.groups, builder)
             for mixed, share in zip(shader.list_mixed(), read_weights(inputs, weight), strict=True):
                 if mixed.exists:
                     weights[mixed.key] = builder.sum(weights[mixed.key], share) if mixed.key in weights else share
-            inputs.report()
         else:
-            yield read_closure(shader, weight, builder, constants_only)
+            yield read_closure(shader, weight, builder)
 
 
 class FedShader(NamedTuple):
@@ -115,15 +108,14 @@ def order_shaders(root: FedShader) -> list[FedShader]:
     return order[::-1]
 
 
-def read_closure(shader: FedShader, weight: Value, builder: ProgramBuilder, constants_only: bool) -> raytracer.Closure:
+def read_closure(shader: FedShader, weight: Value, builder: ProgramBuilder) -> raytracer.Closure:
     """Return the closure of a shader that mixes no others."""
     if shader.source.socket.type != "SHADER":  # a color on a shader socket: Cycles lets it emit
         color = builder.value_of(shader.socket, shader.groups, "color")
         color = color if isinstance(color, Register) else read_color(color)
         return raytracer.Closure("emission", color=color, weight=weight)
-    inputs = NodeInputs(shader.node, shader.source.groups, builder, constants_only)
+    inputs = NodeInputs(shader.node, shader.source.groups, builder)
     fields = CLOSURE_READERS.get(shader.node.type, read_stand_in)(inputs)
-    inputs.report()
     warn_unsupported(inputs)
     return raytracer.Closure(weight=weight, **fields)
 
@@ -137,13 +129,17 @@ def read_weights(inputs: NodeInputs, weight: Value) -> tuple[Value, Value]:
     return builder.multiply(weight, builder.complement(share)), builder.multiply(weight, share)
 
 
-def read_constant_emission(socket: Any, place: Place) -> np.ndarray | None:
-    """Return the constant radiance (3,) that feeds the output of a light or a world; None where nothing does."""
-    closures = read_shader(socket, (), 1.0, ProgramBuilder(place, ImageTable()), constants_only=True)
-    if not closures:
+def read_shine(socket: Any, builder: ProgramBuilder) -> Value | None:
+    """Return all that shines of what feeds the output of a light or a world, as one color; None where nothing does."""
+    closures = read_shader(socket, (), 1.0, builder)
+    shining = [builder.scale(closure.color, closure.weight) for closure in closures if closure.kind == "emission"]
+    if not shining:
         return None
-    shining = [closure.weight * closure.color for closure in closures if closure.kind == "emission"]
-    return np.sum(shining, axis=0) if shining else np.zeros(3)
+    total = shining[0]
+    for color in shining[1:]:
+        inputs = (total, color, np.zeros(3), 1.0)
+        total = builder.add("VECT_MATH Vector", inputs, {"operation": "ADD"})["Vector"]
+    return total
 
 
 def extract_material(material: Any, object_name: str, images: ImageTable, warnings: WarningList) -> raytracer.Material:

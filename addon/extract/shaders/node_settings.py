@@ -47,9 +47,17 @@ def read_settings(builder: Builder, node: Any, name: str, groups: Groups, output
     return {setting: getattr(node, setting) for setting in OPERATIONS[name].settings}
 
 
-def is_left_out(node: Any) -> bool:
-    """True for a Bump node without height: it hands its normal on."""
-    return node.type == "BUMP" and find_link(find_socket(node.inputs, "Height")) is None
+def find_passed(node: Any, output: str) -> str | None:
+    """Return the input that a node hands on as it is, or None for one that computes.
+
+    A Bump without height hands on its normal, a quadratic Light Falloff that is not smoothed its strength.
+    """
+    if node.type == "BUMP" and find_link(find_socket(node.inputs, "Height")) is None:
+        return "Normal"
+    if node.type == "LIGHT_FALLOFF" and output == "Quadratic":
+        smooth = find_socket(node.inputs, "Smooth")
+        return "Strength" if find_link(smooth) is None and smooth.default_value <= 0 else None
+    return None
 
 
 def read_attribute_name(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:

@@ -15,7 +15,7 @@ from raytracer.scene.programs import Program, Register, Step, Value
 from raytracer.shading.evaluate import OPERATIONS, fold_step, make_constant
 
 from .images import ImageTable
-from .node_settings import is_left_out, read_settings
+from .node_settings import find_passed, read_settings
 from .nodes import Groups, Place, find_link, find_socket, identify, pass_through, read_number
 from .skies import SKY_TYPES
 
@@ -175,8 +175,9 @@ class ProgramBuilder:
         """Add a node's step and return its outputs."""
         operation = OPERATIONS[name]
         inputs = tuple(self._read_input(node, name, identifier, groups) for identifier in operation.inputs)
-        if is_left_out(node):
-            return {operation.outputs[0]: inputs[-1]}
+        passed = find_passed(node, output)
+        if passed is not None:
+            return {operation.outputs[0]: inputs[operation.inputs.index(passed)]}
         return self.add(name, inputs, read_settings(self, node, name, groups, output))
 
     def _read_input(self, node: Any, name: str, identifier: str, groups: Groups) -> Value:

@@ -15,10 +15,12 @@ import numpy as np
 from raytracer.arrays.vectors import normalize, reflect
 from raytracer.bsdfs.fresnel import dielectric_reflectance
 from raytracer.lecture import dot, length
-from raytracer.shading.nodes.operation import Array, Operation, spread
+from raytracer.shading.nodes.operation import Array, Operation, divide, spread
 from raytracer.shading.site import Site
 
 SMALLEST_IOR = 1e-5  # as in Cycles
+# How far rays go that hit nothing, and those to suns: Cycles' largest number.
+FARTHEST = float(np.finfo(np.float32).max)
 
 
 def read_vector(site: Site, *, name: str) -> Array:
@@ -107,6 +109,22 @@ def occlude(
     return color * spread(open_), open_
 
 
+def fall_off(power: int) -> Callable[..., Array]:
+    """Return the function for a strength times t^power, t the way to the light, which falls with t^2 by itself.
+
+    t^2 / (s + t^2) of that is left where it is smoothed by s, so that what is near does not burn out. From a sun, which
+    is infinitely far, all of the strength arrives.
+    """
+
+    def weaken(site: Site, strength: Any, smooth: Any) -> Array:
+        distance = site.read_path("length")
+        square = distance * distance
+        kept = np.where(np.asarray(smooth) > 0, divide(square, smooth + square), 1.0)
+        return strength * np.where(distance < FARTHEST, distance**power * kept, 1.0)
+
+    return weaken
+
+
 def _attribute(compute: Callable[..., Any], output: str) -> Operation:
     return Operation(compute, (), (output,), ("name",), reads_site=True, attributes=name_of)
 
@@ -180,5 +198,9 @@ OPERATIONS = {
         reads_site=True,
         links=_NORMAL,
     ),
+    **{
+        f"LIGHT_FALLOFF {output}": Operation(fall_off(power), ("Strength", "Smooth"), (output,), reads_site=True)
+        for output, power in (("Quadratic", 0), ("Linear", 1), ("Constant", 2))
+    },
     "LAYER_WEIGHT Facing": Operation(read_facing, ("Blend", "Normal"), ("Facing",), reads_site=True, links=_NORMAL),
 }
