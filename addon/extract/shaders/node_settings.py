@@ -17,7 +17,7 @@ from raytracer.shading.nodes.ramps import TABLE_SIZE
 from ... import versions
 from .images import ImageTable, is_associated
 from .nodes import Groups, Place, find_link, find_socket
-from .skies import read_sky_settings
+from .skies import read_daylight_settings, read_sky_settings
 
 # The attributes that Blender's nodes read without naming them.
 DEFAULT_UV, DEFAULT_COLOR, GENERATED = "uv", "vertex_color", "generated"
@@ -182,6 +182,11 @@ READERS: dict[str, Reader] = {
     "TEX_IMAGE": read_image_settings,
     "TEX_ENVIRONMENT": read_environment_settings,
     "TEX_SKY": lambda builder, node, groups, output: read_sky_settings(node),
+    "TEX_SKY PREETHAM": lambda builder, node, groups, output: read_daylight_settings(node),
+    "TEX_SKY HOSEK_WILKIE": lambda builder, node, groups, output: {
+        **read_daylight_settings(node),
+        "ground_albedo": node.ground_albedo,
+    },
     "VALTORGB": read_ramp,
     **{f"CURVE_{kind}": read_curves for kind in ("RGB", "VEC", "FLOAT")},
     "NORMAL_MAP": read_normal_map,

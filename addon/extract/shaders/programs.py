@@ -275,10 +275,14 @@ ALIASES = {
 RESOLVED: dict[str, dict[str, tuple[str, ...]]] = {"TEX_SKY": {"sky_type": SKY_TYPES}}
 
 
+# Nodes that are several, by the property that chooses between them.
+VARIANTS = {"TANGENT": "direction_type", "TEX_SKY": "sky_type"}
+
+
 def find_operation(node: Any, output: str) -> str | None:
     """Return the name of the tracer's operation for an output of a node, or None."""
-    variant = node.direction_type if node.type == "TANGENT" else output
-    name = f"{node.type} {variant}"
+    chosen = VARIANTS.get(node.type)
+    name = f"{node.type} {getattr(node, chosen) if chosen else output}"
     found = next((name for name in (ALIASES.get(name, name), node.type) if name in OPERATIONS), None)
     if found is None:
         return None

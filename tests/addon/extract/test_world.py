@@ -58,14 +58,13 @@ def test_world_hidden_from_the_camera_is_black_to_it(world_tree: Any) -> None:
     assert_array_equal(found, [(0, 0, 0), (0.25, 0.5, 1)])
 
 
-def test_sky_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
+def test_node_that_is_not_supported_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
     background = add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
-    sky = world_tree.nodes.new("ShaderNodeTexSky")
-    sky.sky_type = "PREETHAM"
-    world_tree.links.new(sky.outputs[0], background.inputs["Color"])
+    profile = world_tree.nodes.new("ShaderNodeTexIES")
+    world_tree.links.new(profile.outputs[0], background.inputs["Color"])
     assert_array_equal(extract().scene.world.color, (0.25, 0.5, 1))
     (text,) = texts()
-    assert text.startswith("world 'World': node 'Sky Texture'")
+    assert text.startswith("world 'World': node 'IES Texture'")
 
 
 @pytest.mark.skipif(versions.VERSION >= (5, 0), reason="worlds always have nodes since Blender 5.0")
