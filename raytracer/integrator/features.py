@@ -141,7 +141,8 @@ def derive_features(scene: Scene) -> Features:
         light_linking=any(record.receivers != ALL_SETS for record in (*scene.lights, *scene.spheres))
         or (scene.instances is not None and bool((scene.instances.receivers != ALL_SETS).any())),
         ray_visibility=hides,
-        programs=any(closure.registers or closure.vectors for closure in closures),
+        programs=any(closure.registers or closure.vectors for closure in closures)
+        or any(material.normal is not None for material in scene.materials),
         occlusion=any(casts_rays(material.program) for material in scene.materials),
         light_nodes=any(light.nodes is not None for light in scene.lights),
         light_bounces=any(map(_counts_bounces, scene.lights)),

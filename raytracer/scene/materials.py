@@ -129,6 +129,8 @@ class Material:
 
     program : computes the parameters that are Registers; None where all are constant
     transparent_shadow : False stops light all the same where the surface is transparent
+    normal : a Register of `program`, the normal that stands for the surface's own, for closures and for the rest of the
+        program, or None (a displacement that is shown as a bump)
     """
 
     closures: Sequence[Closure] = ()
@@ -136,6 +138,7 @@ class Material:
     name: str = ""
     program: Program | None = None
     transparent_shadow: bool = True
+    normal: Register | None = None
 
     def __post_init__(self) -> None:
         require_text(self.name, "Material: name")
@@ -143,6 +146,9 @@ class Material:
         set_count(self, "pass_index", label)
         set_flags(self, ("transparent_shadow",), label)
         check_program(self.program, f"{label}: program")
+        if self.normal is not None and not isinstance(self.normal, Register):
+            raise ValueError(f"{label}: normal: expected a Register or None, got {type(self.normal).__name__}")
+        check_register(self.normal, self.program, f"{label}: normal")
         set_field(self, "closures", make_records(self.closures, Closure, f"{label}: closures"))
         for closure in self.closures:
             for name, register in closure.registers.items():

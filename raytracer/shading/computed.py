@@ -6,7 +6,7 @@ A material without computed parameters is not in here, and a scene without any h
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ TRANSPARENCY_FIELDS = {"principled": ("weight", "alpha"), "transparent": ("weigh
 
 Slot = tuple[int, str]
 Columns = dict[Slot, Floats]
+# The slot of a material's own normal, before all closures.
+NORMAL: Slot = (-1, "normal")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +50,14 @@ Recipes = dict[int, Recipe]
 
 @dataclass(frozen=True, eq=False)
 class ComputedMaterials:
-    """The recipes of a scene's materials, by number: for everything, and for emission and transparency alone."""
+    """The recipes of a scene's materials, by number: for everything, for emission and transparency alone, and for the
+    normals of those that have their own."""
 
     tables: SiteTables
     everything: Recipes
     radiance: Recipes
     transparency: Recipes
+    normals: Recipes
 
 
 def list_scene_attributes(scene: Scene) -> set[str]:
@@ -70,7 +74,29 @@ def make_computed_materials(kept: list[list[Closure]], scene: Scene, tables: Sit
         everything=_make_recipes(kept, programs, None),
         radiance=_make_recipes(kept, programs, RADIANCE_FIELDS),
         transparency=_make_recipes(kept, programs, TRANSPARENCY_FIELDS),
+        normals=_make_normal_recipes(scene),
     )
+
+
+def _make_normal_recipes(scene: Scene) -> Recipes:
+    recipes = {}
+    for number, material in enumerate(scene.materials):
+        if material.normal is not None and material.program is not None:
+            needed = find_needed(material.program, [material.normal])
+            recipes[number] = Recipe(material.program, {NORMAL: material.normal}, needed, frozenset())
+    return recipes
+
+
+def bend_normals(computed: ComputedMaterials, surface: Surface, path: LightPath | None) -> Surface:
+    """Return the surface with the shading normals that materials have of their own."""
+    if not computed.normals:
+        return surface
+    bent = compute_columns(computed, computed.normals, surface, path).get(NORMAL)
+    if bent is None:
+        return surface
+    sign = np.where(surface.front, 1.0, -1.0)[:, np.newaxis]
+    normal = np.where(np.isnan(bent), surface.shading_normal, sign * bent)
+    return replace(surface, shading_normal=normal)
 
 
 def _make_recipes(

@@ -23,9 +23,11 @@ from ..warnings import Warning, WarningList
 from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
 from .node_settings import DEFAULT_UV
-from .nodes import Groups, Place, Source, find_source, identify, read_color, read_links_once
+from .nodes import Groups, Place, Source, find_link, find_source, identify, read_color, read_links_once
 from .programs import ProgramBuilder
 
+# Pixels between the places where Cycles takes the height of a displacement, whatever Bump nodes say.
+FILTER_WIDTH = 0.1
 # Operations that read what is stored for each instance.
 OBJECT_READERS = frozenset(f"OBJECT_INFO {output}" for output in ("Color", "Alpha", "Random"))
 
@@ -153,19 +155,48 @@ def extract_material(material: Any, object_name: str, images: ImageTable, warnin
         closures = [raytracer.Closure("diffuse", color=read_color(material.diffuse_color))]
     else:
         closures = read_output(versions.find_output_node(node_tree), builder)
-    program = find_program(closures, builder)
+    normal = None if node_tree is None else read_displacement(material, node_tree, builder)
     return raytracer.Material(
         closures,
         pass_index=material.pass_index,
         name=material.name,
-        program=program,
+        program=find_program(closures, normal, builder),
         transparent_shadow=material.use_transparent_shadow,
+        normal=normal,
     )
 
 
-def find_program(closures: Sequence[raytracer.Closure], builder: ProgramBuilder) -> Program | None:
-    """Return the program that closures read, or None where all are constant."""
-    return Program(builder.steps) if any(closure.registers for closure in closures) else None
+def find_program(
+    closures: Sequence[raytracer.Closure], normal: Register | None, builder: ProgramBuilder
+) -> Program | None:
+    """Return the program that closures and the normal read, or None where all are constant."""
+    is_read = normal is not None or any(closure.registers for closure in closures)
+    return Program(builder.steps) if is_read else None
+
+
+def read_displacement(material: Any, node_tree: Any, builder: ProgramBuilder) -> Register | None:
+    """Return the normal of a surface that a displacement bends as a bump, or None where nothing displaces it.
+
+    As in Cycles (scene/shader_graph.cpp, bump_from_displacement) the height is the part of the displacement along the
+    normal, its slope that over a tenth of a pixel. Where geometry should move, the bump stands in for it.
+    """
+    output = versions.find_output_node(node_tree)
+    socket = None if output is None else output.inputs["Displacement"]
+    if socket is None or find_link(socket) is None:
+        return None
+    inner = ProgramBuilder(builder.place, builder.images, builder.pass_index)
+    moved = inner.value_of(socket, (), "vector")
+    if not isinstance(moved, Register):
+        return None
+    if material.displacement_method != "BUMP":
+        builder.place.warn("displacement moves no geometry, it is shown as a bump")
+    normal = inner.add("NEW_GEOMETRY Normal", ())["Normal"]
+    height = inner.add("VECT_MATH Value", (moved, normal), {"operation": "DOT_PRODUCT"})["Value"]
+    inputs = (1.0, 1.0, FILTER_WIDTH, builder.add("NEW_GEOMETRY Normal", ())["Normal"])
+    settings = {"height": Program(inner.steps, height), "invert": False}
+    bent = builder.add("BUMP", inputs, settings)["Normal"]
+    assert isinstance(bent, Register)
+    return bent
 
 
 def read_output(output: Any, builder: ProgramBuilder) -> list[raytracer.Closure]:
@@ -174,10 +205,9 @@ def read_output(output: Any, builder: ProgramBuilder) -> list[raytracer.Closure]
     if output is None:
         place.warn("no output node, the surface is black")
         return []
-    surface, volume, displacement = output.inputs["Surface"], output.inputs["Volume"], output.inputs["Displacement"]
-    for socket in (volume, displacement):
-        if socket.is_linked:
-            place.warn(f"{socket.name} is not supported, left out")
+    surface, volume = output.inputs["Surface"], output.inputs["Volume"]
+    if volume.is_linked:
+        place.warn(f"{volume.name} is not supported, left out")
     if volume.is_linked and not surface.is_linked:
         return [raytracer.Closure("transparent", color=1.0)]
     closures = read_shader(surface, (), 1.0, builder)

@@ -197,5 +197,6 @@ READERS: dict[str, Reader] = {
     "TANGENT RADIAL": lambda builder, node, groups, output: {"axis": node.axis, "name": GENERATED},
     "OBJECT_INFO Material Index": read_material_index,
     "AMBIENT_OCCLUSION": read_occlusion,
+    "VECTOR_DISPLACEMENT": lambda builder, node, groups, output: {"space": node.space, "name": DEFAULT_UV},
     "TEX_VORONOI": read_voronoi,
 }
