@@ -294,9 +294,12 @@ def test_scene_without_camera_is_refused_by_name(empty_scene: Any) -> None:
         extract()
 
 
-def test_camera_scaled_to_zero_is_refused_by_name(scene_with_camera: Any) -> None:
-    scene_with_camera.camera.scale = (1, 0, 1)
-    with pytest.raises(ValueError, match="Camera 'Camera' has a scale of"):
+@pytest.mark.parametrize("scale", [(0, 2, 2), (1, 0, 1), (1, 1, 0), (0, 0, 0)])
+def test_camera_scaled_to_zero_is_named_with_what_to_do(scene_with_camera: Any, scale: tuple[float, ...]) -> None:
+    """Cycles renders what is behind all objects then, and nothing else."""
+    scene_with_camera.camera.scale = scale
+    says = rf"Camera 'Camera' has a scale of \({', '.join(map(str, scale))}\) and sees nothing so: set the scale"
+    with pytest.raises(ValueError, match=says):
         extract()
 
 
