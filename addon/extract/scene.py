@@ -67,7 +67,7 @@ def extract_scene(
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     camera = None if geometry_only or space else extract_camera(scene, warnings)
     last = kept or Kept()
-    materials = None if geometry_only else MaterialTable(warnings, last)
+    materials = None if geometry_only else MaterialTable(warnings, last, scene.frame_current)
     meshes = MeshTable("UV" in passes, warnings, last)
     warn_missing(depsgraph, warnings)
     context = Context(view_layer, meshes, materials, warnings, space, last)

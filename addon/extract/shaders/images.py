@@ -28,9 +28,12 @@ from raytracer.textures.image import encode_srgb
 from ... import versions
 from ..kept import Kept
 from .color_spaces import find_decoder
+from .image_frames import find_path, open_frame
 from .nodes import Place
 
 Pixels = NDArray[Any]
+# An image's `session_uid`, and the path of its frame, which is empty but for sequences.
+ImageKey = tuple[int, str]
 
 LARGEST_BYTE = 255
 # Numbers that are converted at a time: a large image as a whole would need several times its own memory for what
@@ -42,24 +45,35 @@ MAGENTA = Image(np.array([[(1.0, 0.0, 1.0, 1.0)]], dtype=np.float32), "srgb", "m
 
 
 class ImageTable:
-    """The scene's images, each read once, and again only if it may have changed since the last extraction."""
+    """The scene's images, each read once, and again only if it may have changed since the last extraction.
 
-    def __init__(self, kept: Kept | None = None) -> None:
-        self._images: dict[int, Image | None] = {}
-        self._kept = kept or Kept()
+    frame : of the scene, for sequences; each frame of one is an image of its own
+    """
+
+    def __init__(self, kept: Kept | None = None, frame: int = 1) -> None:
+        self._images: dict[ImageKey, Image | None] = {}
+        self._kept, self._frame = kept or Kept(), frame
+        self.sequences = 0  # how often one was asked for
         # Those that may be kept: a warning would be lost.
-        self.silent: dict[int, Image | None] = {}
+        self.silent: dict[ImageKey, Image | None] = {}
 
-    def find_image(self, image: Any, node: str, place: Place) -> Image | None:
+    def find_image(self, image: Any, user: Any, node: str, place: Place) -> Image | None:
         """Return an image as the tracer's, or None, which shows magenta, for none; magenta in its own color space for
-        one whose file is missing."""
+        one whose file is missing.
+
+        user : the ImageUser of the evaluated node that shows it
+        """
         if image is None:
             return None
-        key = image.original.session_uid
+        path = ""
+        if image.source == "SEQUENCE":
+            path, self.sequences = find_path(image, user, self._frame), self.sequences + 1
+        key = image.original.session_uid, path
         if key not in self._images:
             count = len(place.warnings.records)
-            last = self._kept.images.get(key) if self._kept.trusts(key) else None
-            self._images[key] = extract_image(image, place) if last is None else last
+            stays = self._kept.trusts(key[0]) or (self._kept.trusts_files and is_read_from_file(image))
+            last = self._kept.images.get(key) if stays else None
+            self._images[key] = self._read(image, path, place) if last is None else last
             if len(place.warnings.records) == count:
                 self.silent[key] = self._images[key]
         found = self._images[key]
@@ -67,6 +81,12 @@ class ImageTable:
             place.warn(f"node '{node}': image '{image.name}' is missing, magenta is shown")
             return MAGENTA if image.colorspace_settings.name == "sRGB" else None
         return found
+
+    def _read(self, image: Any, path: str, place: Place) -> Image | None:
+        if not path:
+            return extract_image(image, place)
+        with open_frame(image, path) as frame:
+            return None if frame is None else extract_image(frame, place)
 
 
 def is_associated(image: Any) -> bool:
@@ -76,8 +96,8 @@ def is_associated(image: Any) -> bool:
 
 def extract_image(image: Any, place: Place) -> Image | None:
     """Return an image's pixels, or None where they cannot be read."""
-    if image.source in ("SEQUENCE", "MOVIE"):
-        place.warn(f"image '{image.name}': of its {image.source.lower()}, only the frame that is loaded is used")
+    if image.source == "MOVIE":
+        place.warn(f"image '{image.name}': movies are not supported, only a frame that is loaded is shown")
     if image.source == "TILED" and len(image.tiles) > 1:
         place.warn(f"image '{image.name}': UDIM tiles are not supported, the first is used for all")
     width, height = image.size

@@ -224,6 +224,7 @@ class MaterialEntry:
     object_name : where it was met first, which its warnings say
     attributes : names of those of meshes that it reads
     warnings : what could not be honoured
+    moves : True where it shows an image sequence, so that it changes with the frame though nothing announces it
     """
 
     identity: int
@@ -231,16 +232,17 @@ class MaterialEntry:
     record: raytracer.Material
     attributes: frozenset[str]
     warnings: tuple[Warning, ...]
+    moves: bool = False
 
 
 class MaterialTable:
     """The scene's materials, each extracted once, numbered in the order they are met."""
 
-    def __init__(self, warnings: WarningList, kept: Kept | None = None) -> None:
+    def __init__(self, warnings: WarningList, kept: Kept | None = None, frame: int = 1) -> None:
         self.entries: list[MaterialEntry] = []
         self._indices: dict[int, int] = {}
         self._warnings, self._kept = warnings, kept or Kept()
-        self.images = ImageTable(self._kept)
+        self.images = ImageTable(self._kept, frame)
 
     @property
     def records(self) -> list[raytracer.Material]:
@@ -268,13 +270,14 @@ class MaterialTable:
         return self._indices[identity]
 
     def _read(self, material: Any, identity: int, object_name: str) -> MaterialEntry:
-        own = WarningList()
+        own, sequences = WarningList(), self.images.sequences
         if material is None:
             record = raytracer.Material((raytracer.Closure(versions.default_shader(), color=GREY),), name="default")
         else:
             record = extract_material(material, object_name, self.images, own)
         attributes = list_attributes(record.program) if record.program else ()
-        return MaterialEntry(identity, object_name, record, frozenset(attributes), own.records)
+        moves = self.images.sequences > sequences
+        return MaterialEntry(identity, object_name, record, frozenset(attributes), own.records, moves)
 
     def _add(self, entry: MaterialEntry) -> None:
         self._indices[entry.identity] = len(self.entries)

@@ -90,7 +90,7 @@ def read_object(builder: Builder, node: Any, groups: Groups, output: str) -> Set
 def read_image_settings(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Image Texture: the image, and how it is read."""
     return {
-        "image": builder.images.find_image(node.image, node.name, builder.place),
+        "image": builder.images.find_image(node.image, node.image_user, node.name, builder.place),
         "interpolation": node.interpolation,
         "extension": node.extension,
         "projection": node.projection,
@@ -103,7 +103,7 @@ def read_image_settings(builder: Builder, node: Any, groups: Groups, output: str
 def read_environment_settings(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Environment Texture: the image, and how it is wrapped round the world."""
     return {
-        "image": builder.images.find_image(node.image, node.name, builder.place),
+        "image": builder.images.find_image(node.image, node.image_user, node.name, builder.place),
         "interpolation": node.interpolation,
         "projection": node.projection,
     }

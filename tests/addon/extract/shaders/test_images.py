@@ -73,11 +73,13 @@ def test_data_is_not_decoded(warnings: WarningList) -> None:
 
 def test_an_image_is_read_once(warnings: WarningList) -> None:
     images, image = ImageTable(), make_image()
-    assert images.find_image(image, "Node", place(warnings)) is images.find_image(image, "Other", place(warnings))
+    assert images.find_image(image, None, "Node", place(warnings)) is images.find_image(
+        image, None, "Other", place(warnings)
+    )
 
 
 def test_a_missing_file_is_named(warnings: WarningList) -> None:
-    found = ImageTable().find_image(make_lost(), "Node", place(warnings))
+    found = ImageTable().find_image(make_lost(), None, "Node", place(warnings))
     assert found is not None
     assert_array_equal(found.pixels, [[(1.0, 0.0, 1.0, 1.0)]])
     (warning,) = warnings.records
