@@ -125,13 +125,15 @@ def is_read_from_file(image: Any) -> bool:
 
 
 def encode(pixels: Pixels, associated: bool) -> Pixels:
-    """Return linear float pixels as their sRGB file held them, which is what Cycles interpolates (16 bits per channel).
+    """Turn linear float pixels, in place, into what their sRGB file holds, which Cycles interpolates (16 bits each).
 
     associated : True where colors are multiplied by alpha, which then the encoded ones are
     """
-    alpha = np.where((pixels[..., 3:] > 0) & associated, pixels[..., 3:], 1.0).astype(np.float64)
-    colors = encode_srgb(pixels[..., :3] / alpha) * alpha
-    return np.concatenate([colors.astype(np.float32), pixels[..., 3:]], axis=2)
+    for rows in list_row_blocks(pixels):
+        block = pixels[rows]
+        alpha = np.where((block[..., 3:] > 0) & associated, block[..., 3:], 1.0).astype(np.float64)
+        block[..., :3] = encode_srgb(block[..., :3] / alpha) * alpha
+    return pixels
 
 
 def drop_infinities(pixels: Pixels) -> Pixels:

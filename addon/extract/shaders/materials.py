@@ -184,7 +184,7 @@ def read_displacement(material: Any, node_tree: Any, builder: ProgramBuilder) ->
     socket = None if output is None else output.inputs["Displacement"]
     if socket is None or find_link(socket) is None:
         return None
-    inner = ProgramBuilder(builder.place, builder.images, builder.pass_index)
+    inner = ProgramBuilder(builder.place, builder.images, builder.pass_index, builder)
     moved = inner.value_of(socket, (), "vector")
     if not isinstance(moved, Register):
         return None
