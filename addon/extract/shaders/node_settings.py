@@ -20,7 +20,7 @@ from .nodes import Groups, Place, find_link, find_socket
 from .skies import read_daylight_settings, read_sky_settings
 
 # The attributes that Blender's nodes read without naming them.
-DEFAULT_UV, DEFAULT_COLOR, GENERATED = "uv", "vertex_color", "generated"
+DEFAULT_UV, DEFAULT_COLOR, GENERATED, ISLAND = "uv", "vertex_color", "generated", "random per island"
 
 Settings = dict[str, Any]
 
@@ -196,6 +196,7 @@ READERS: dict[str, Reader] = {
     "TANGENT UV_MAP": lambda builder, node, groups, output: {"name": node.uv_map or DEFAULT_UV},
     "TANGENT RADIAL": lambda builder, node, groups, output: {"axis": node.axis, "name": GENERATED},
     "OBJECT_INFO Material Index": read_material_index,
+    "NEW_GEOMETRY Random Per Island": lambda builder, node, groups, output: {"name": ISLAND},
     "AMBIENT_OCCLUSION": read_occlusion,
     "VECTOR_DISPLACEMENT": lambda builder, node, groups, output: {"space": node.space, "name": DEFAULT_UV},
     "TEX_VORONOI": read_voronoi,
