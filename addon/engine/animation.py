@@ -1,7 +1,7 @@
 """What an animation keeps from frame to frame: what was read and the trees over it, of all that did not change.
 
-Blender makes everything anew for each frame of a render and announces nothing, so what is read is compared. All is let
-go when the animation ends.
+Blender makes everything anew for each frame of a render and announces nothing, so what is read is compared; images of
+files are taken to stay as they are. All is let go when the animation ends.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 class Frames:
     """The frames of one view layer: what the last extraction left, and the last caster."""
 
-    kept: Kept = field(default_factory=Kept)
+    kept: Kept = field(default_factory=lambda: Kept(trusts_files=True))
     caster: raytracer.Caster | None = None
 
     def build(self, scene: raytracer.Scene, precision: str) -> raytracer.Caster:

@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.shading.site_tables import UNDEFORMED
+from raytracer.textures.noise import LARGEST_WORD, hash_words
+
 from .meshes import Geometry, read_array, read_corners
-from .shaders.node_settings import DEFAULT_COLOR, DEFAULT_UV, GENERATED
+from .shaders.node_settings import DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND
 
 Values = NDArray[Any]
 
@@ -34,6 +37,10 @@ def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | No
     kind that materials read."""
     if name == GENERATED:
         return read_generated(mesh)
+    if name == ISLAND:
+        return read_islands(mesh, geometry)
+    if name == UNDEFORMED:  # wanted only in place of coordinates
+        return None if len(mesh.uv_layers) else read_array(mesh.vertices, "undeformed_co", np.float32, 3)
     if name == DEFAULT_UV:
         attribute = next((layer for layer in mesh.uv_layers if layer.active_render), None)
         name = "" if attribute is None else attribute.name
@@ -46,6 +53,34 @@ def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | No
     field, dtype, width = ATTRIBUTE_TYPES[attribute.data_type]
     values = read_array(attribute.data, field, dtype, width).reshape(-1, width).astype(np.float32)
     return to_triangles(mesh, geometry, attribute.domain, np.nan_to_num(values))
+
+
+def read_islands(mesh: Any, geometry: Geometry) -> Values:
+    """Return Cycles' random number of the island of each triangle (t, 3, 1), 0 to 1: a hash of one of its vertices.
+
+    Which one follows from the order of the edges: sets joined by rank (util/disjoint_set.h, blender/mesh.cpp).
+    """
+    edges: NDArray[np.intc] = np.empty(2 * len(mesh.edges), dtype=np.intc)
+    mesh.attributes[".edge_verts"].data.foreach_get("value", edges)
+    parents, ranks = list(range(len(mesh.vertices))), [0] * len(mesh.vertices)
+
+    def find(vertex: int) -> int:
+        while parents[vertex] != vertex:
+            parents[vertex] = vertex = parents[parents[vertex]]
+        return vertex
+
+    for first, second in edges.reshape(-1, 2).tolist():
+        high, low = find(first), find(second)
+        if high == low:
+            continue
+        if ranks[high] < ranks[low]:
+            high, low = low, high
+        parents[low] = high
+        ranks[high] += ranks[high] == ranks[low]
+    corners = geometry.mesh.triangles[:, 0].tolist()
+    roots = np.array([find(vertex) for vertex in corners], dtype=np.uint32)
+    random = hash_words(roots).astype(np.float64) / LARGEST_WORD
+    return np.repeat(random.astype(np.float32), 3).reshape(-1, 3, 1)
 
 
 def to_triangles(mesh: Any, geometry: Geometry, domain: str, values: Values) -> Values | None:

@@ -123,7 +123,11 @@ def remove_scale(matrix: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     """
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if not (np.isfinite(matrix).all() and (lengths > 0).all()):
-        raise ValueError(f"Camera '{name}' has a scale of {lengths.tolist()}: expected finite numbers other than zero")
+        scale = ", ".join(f"{length:.3g}" for length in lengths)
+        raise ValueError(
+            f"Camera '{name}' has a scale of ({scale}) and sees nothing so: set the scale of the object, "
+            "and of its parents, to 1 along all axes"
+        )
     unscaled = matrix.copy()
     unscaled[:3, :3] /= lengths
     unscaled[3] = (0.0, 0.0, 0.0, 1.0)

@@ -23,14 +23,15 @@ from .meshes import Points, extract_points, open_mesh
 from .shaders.materials import MaterialTable
 from .warnings import Warning, WarningList
 
-# Blender's random numbers of instances are whole, 0 to this.
-LARGEST_ID = 2**32 - 1
+# Blender's random numbers of instances and of names are whole, 0 to this.
+LARGEST_WORD = 2**32 - 1
 
+# What has no surface, and the filter of view layers that leaves it out, if there is one.
 UNSUPPORTED_TYPES = {
-    "VOLUME": "volumes",
-    "CURVES": "hair curves",
-    "GPENCIL": "Grease Pencil drawings",
-    "GREASEPENCIL": "Grease Pencil drawings",
+    "VOLUME": ("volumes", "use_volumes"),
+    "CURVES": ("hair curves", "use_strand"),
+    "GPENCIL": ("Grease Pencil drawings", ""),
+    "GREASEPENCIL": ("Grease Pencil drawings", ""),
 }
 RAY_VISIBILITY = {
     "visible_camera": "camera",
@@ -126,6 +127,11 @@ class Context:
     kept: Kept = field(default_factory=Kept)
     entries: dict[PartKey, PartEntry] = field(default_factory=dict)
 
+    @property
+    def shows_surfaces(self) -> bool:
+        """True where meshes are shown: what casts rays heeds no view layer's filter, as Blender's own casts do not."""
+        return self.materials is None or self.view_layer.use_solid
+
 
 def walk_instances(depsgraph: Any, context: Context) -> Placements:
     """Return all that a depsgraph shows and that we can show."""
@@ -151,9 +157,17 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
         if known[key] >= 0:
             placements.part.append(known[key])
             placements.world_from_object.append(np.array(instance.matrix_world, dtype=np.float64))
-            random = instance.random_id / LARGEST_ID if is_instance else placements.parts[known[key]].random
-            placements.random.append(random)
+            own = placements.parts[known[key]].random
+            placements.random.append(read_random(instance.random_id) if is_instance else own)
     return placements
+
+
+def read_random(word: int) -> float:
+    """Return an instance's random number, 0 to 1, as Cycles divides it (scene/object.cpp).
+
+    Blender holds 32 bits without a sign, and Python gets them with one: half of all are negative there.
+    """
+    return (word % 2**32) / LARGEST_WORD
 
 
 def hash_name(name: str) -> float:
@@ -161,13 +175,16 @@ def hash_name(name: str) -> float:
     word = 0
     for byte in name.encode():
         word = (word * 37 + byte) % 2**32
-    return float(hash_words(word, 0)) / LARGEST_ID
+    return float(hash_words(word, 0)) / LARGEST_WORD
 
 
 def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part | None:
     """Return what to show of an object, or None; as in the last extraction where nothing of it changed."""
     if shown.type not in ("MESH", "POINTCLOUD"):
         return make_other_part(shown, source, context)
+    if shown.type == "MESH" and not context.shows_surfaces:
+        warn_hair(source, context.view_layer, context.warnings)
+        return None
     key = source.original.session_uid, instancer.original.session_uid, shown.data.as_pointer()
     entry = context.kept.parts.get(key)
     entry = renew_part(entry, source, context) if entry else None
@@ -199,7 +216,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
     own = WarningList()
     seen_by = find_visibility(shown, instancer, context.view_layer)
     if seen_by:
-        warn_hair(source, own)
+        warn_hair(source, context.view_layer, own)
     points = extract_points(shown.data, source.name, own) if seen_by and shown.type == "POINTCLOUD" else None
     context.warnings.include(own.records)
     if not seen_by or (shown.type == "POINTCLOUD" and points is None):
@@ -240,7 +257,9 @@ def identify(materials: tuple[int, ...], context: Context) -> tuple[int, ...]:
 def make_other_part(shown: Any, source: Any, context: Context) -> Part | None:
     """Return a light's Part, or None for what is not shown."""
     if shown.type in UNSUPPORTED_TYPES:
-        context.warnings.add(f"{UNSUPPORTED_TYPES[shown.type]} are not supported, left out", source.name)
+        kind, filter_name = UNSUPPORTED_TYPES[shown.type]
+        if not filter_name or getattr(context.view_layer, filter_name):
+            context.warnings.add(f"{kind} are not supported, left out", source.name)
     return make_light_part(shown, source, context) if shown.type == "LIGHT" else None
 
 
@@ -260,9 +279,12 @@ def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
         return None
     return Part(
         object=ObjectKey(source.name_full, source.original.session_uid),
+        pass_index=shown.pass_index,
+        color=tuple(shown.color),
         light=shown.data,
         seen_by=seen_by,
         shadow_catcher=shown.is_shadow_catcher,
+        random=hash_name(source.name),
     )
 
 
@@ -276,9 +298,9 @@ def find_visibility(shown: Any, instancer: Any, view_layer: Any) -> int:
     return seen_by
 
 
-def warn_hair(source: Any, warnings: WarningList) -> None:
-    """Name particle systems that draw hair."""
-    for system in source.particle_systems:
+def warn_hair(source: Any, view_layer: Any, warnings: WarningList) -> None:
+    """Name particle systems that draw hair, where the view layer shows hair."""
+    for system in source.particle_systems if view_layer.use_strand else ():
         if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
             warnings.add(f"particle hair '{system.name}' is not supported, left out", source.name)
 

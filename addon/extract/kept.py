@@ -53,6 +53,7 @@ class Kept:
     """The last extraction's parts, meshes, materials and images by key; replaced by those of the next.
 
     changes : what happened since, or None where anything may have
+    trusts_files : True where files stay as they are, so that images need not be read again to see whether they changed
     """
 
     parts: dict[Any, Any] = field(default_factory=dict)
@@ -60,6 +61,7 @@ class Kept:
     materials: dict[Any, Any] = field(default_factory=dict)
     images: dict[Any, Any] = field(default_factory=dict)
     changes: Changes | None = None
+    trusts_files: bool = False
 
     def replace(self, parts: dict[Any, Any], meshes: dict[Any, Any], materials: Any) -> None:
         """Keep what an extraction met; anything may have changed until it is said what did.
@@ -67,7 +69,7 @@ class Kept:
         materials : its MaterialTable
         """
         self.parts, self.meshes = parts, meshes
-        self.materials = {entry.identity: entry for entry in materials.entries}
+        self.materials = {entry.identity: entry for entry in materials.entries if not entry.moves}
         self.images = materials.images.silent
         self.changes = None
 

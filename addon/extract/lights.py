@@ -14,45 +14,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 import raytracer
-from raytracer.scene.lights import Light
+from raytracer.scene.lights import Light, LightNodes
+from raytracer.scene.programs import Program, Register, Value
 
 from .. import versions
-from .shaders.materials import read_constant_emission
+from .instances import Part
+from .shaders.images import ImageTable
+from .shaders.materials import read_shine
 from .shaders.nodes import Color, Place
+from .shaders.programs import ProgramBuilder
 from .warnings import WarningList
 
 Matrix = NDArray[np.float64]
 
 
-def extract_light(light: Any, name: str, world_from_light: Matrix, warnings: WarningList) -> Light | None:
-    """Return one light placed by a (4, 4) matrix, or None where it emits nothing."""
-    place = Place(warnings, object=name)
+def extract_light(
+    part: Part, world_from_light: Matrix, random: float, warnings: WarningList, images: ImageTable
+) -> Light | None:
+    """Return one light placed by a (4, 4) matrix, or None where it emits nothing; random : the instance's number."""
+    light, place = part.light, Place(warnings, object=part.object.name)
     if light.type == "AREA" and versions.is_portal(light):
         return None  # a portal guides Cycles' sampling of the world and adds no light
     settings = versions.read_light_settings(light)
     power = np.array(light.color, dtype=np.float64) * settings.temperature_color * settings.gain * light.energy
-    power = power * read_light_nodes(light, place)
-    if (power < 0).any():
-        place.warn("negative light is not supported: treated as black")
-        power = np.maximum(power, 0.0)
+    common = {
+        "cast_shadow": light.use_shadow,
+        "name": part.object.name,
+        "seen_by": part.seen_by,
+        "shadow_catcher": part.shadow_catcher,
+        "max_bounces": versions.read_light_bounces(light),
+    }
+    builder = ProgramBuilder(place, images)
+    factor = read_light_nodes(light, builder)
+    if isinstance(factor, Register):
+        placed = raytracer.Instances(
+            [0], world_from_light[np.newaxis], pass_index=[part.pass_index], random=[random], color=[part.color]
+        )
+        common["nodes"] = LightNodes(factor, Program(builder.steps), placed)
+    else:
+        power = power * factor
     if not power.any():
         return None
-    bounces = versions.read_light_bounces(light)
-    if bounces is not None:
-        place.warn(f"its limit of {bounces} bounces is not supported, it lights all")
-    common = {"cast_shadow": light.use_shadow, "name": name}
     make = {"POINT": make_point, "SPOT": make_spot, "SUN": make_sun, "AREA": make_area}[light.type]
     return make(light, world_from_light, power, settings.normalize, common, place)
 
 
-def read_light_nodes(light: Any, place: Place) -> Color:
-    """Return the factor (3,) that a light's own Emission node puts on its power."""
+def read_light_nodes(light: Any, builder: ProgramBuilder) -> Value:
+    """Return the factor that a light's own nodes put on its power: a color, or the register that holds it."""
     node_tree = versions.find_node_tree(light)
     output = versions.find_output_node(node_tree) if node_tree is not None else None
     if output is None:
         return np.ones(3) if node_tree is None else np.zeros(3)
-    factor = read_constant_emission(output.inputs["Surface"], place)
-    return np.zeros(3) if factor is None else factor
+    shine = read_shine(output.inputs["Surface"], builder)
+    return np.zeros(3) if shine is None else shine
 
 
 def read_angle(angle: float) -> float:

@@ -13,6 +13,7 @@ from raytracer.scene.lights import Light
 from .instances import ObjectKey, Part, Placements
 from .lights import extract_light
 from .linking import make_link_sets
+from .shaders.images import ImageTable
 from .warnings import WarningList
 
 # Rounding that a product of float32 matrices may leave between axes of equal length: a few parts in 2^24.
@@ -29,15 +30,18 @@ class Placed:
     objects: tuple[ObjectKey, ...]
 
 
-def place_parts(placements: Placements, warnings: WarningList, with_info: bool = False) -> Placed:
+def place_parts(
+    placements: Placements, warnings: WarningList, images: ImageTable | None = None, with_info: bool = False
+) -> Placed:
     """Return instances, spheres and lights in world space; those with a matrix that is not finite are left out.
 
+    images : those of the scene, for the nodes of lights; None where there are none
     with_info : True where a material reads the random number or the color of its object
     """
     matrices = np.array(placements.world_from_object).reshape(-1, 4, 4)  # (i, 4, 4)
     matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)  # as Cycles: a parent's inverse matrix may hold anything there
     finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
-    links = make_link_sets(placements.links, warnings)
+    links, images = make_link_sets(placements.links, warnings), images or ImageTable()
     meshes: list[int] = []
     spheres, lights, sphere_objects = [], [], []
     for row, index in enumerate(placements.part):
@@ -49,9 +53,8 @@ def place_parts(placements: Placements, warnings: WarningList, with_info: bool =
         elif part.points is not None:
             spheres.append(replace(place_points(part, matrices[row], warnings), **vars(links[index])))
             sphere_objects.append(part.object)
-        elif (light := extract_light(part.light, part.object.name, matrices[row], warnings)) is not None:
-            sets = links[index].receivers
-            lights.append(replace(light, seen_by=part.seen_by, shadow_catcher=part.shadow_catcher, receivers=sets))
+        elif (light := extract_light(part, matrices[row], placements.random[row], warnings, images)) is not None:
+            lights.append(replace(light, receivers=links[index].receivers))
     parts = [placements.parts[placements.part[row]] for row in meshes]
     instances = raytracer.Instances(
         mesh=np.array([part.mesh for part in parts], dtype=np.int32),

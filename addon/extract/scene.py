@@ -67,14 +67,16 @@ def extract_scene(
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     camera = None if geometry_only or space else extract_camera(scene, warnings)
     last = kept or Kept()
-    materials = None if geometry_only else MaterialTable(warnings, last)
+    materials = None if geometry_only else MaterialTable(warnings, last, scene.frame_current)
     meshes = MeshTable("UV" in passes, warnings, last)
     warn_missing(depsgraph, warnings)
     context = Context(view_layer, meshes, materials, warnings, space, last)
     placements = walk_instances(depsgraph, context)
-    placed = place_parts(placements, warnings, materials is not None and materials.read_object_info)
     images = materials.images if materials else None
-    world = None if geometry_only else extract_world(versions.find_world(scene, view_layer), warnings, images)
+    placed = place_parts(placements, warnings, images, materials is not None and materials.read_object_info)
+    world = None
+    if view_layer.use_sky and not geometry_only:
+        world = extract_world(versions.find_world(scene, view_layer), warnings, images)
     if kept is not None and materials is not None:
         kept.replace(context.entries, meshes.finish(), materials)
     record = raytracer.Scene(

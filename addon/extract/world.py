@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 import raytracer
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
-from raytracer.scene.programs import Program, Register, Value
+from raytracer.scene.programs import Program, Register
 
 from .. import versions
 from .shaders.images import ImageTable
-from .shaders.materials import read_shader
+from .shaders.materials import read_shine
 from .shaders.nodes import Place, read_color
 from .shaders.programs import ProgramBuilder
 from .warnings import WarningList
@@ -36,23 +34,13 @@ def extract_world(world: Any, warnings: WarningList, images: ImageTable | None =
     if output.inputs["Volume"].is_linked:
         place.warn("volume is not supported, left out")
     builder = ProgramBuilder(place, images or ImageTable())
-    closures = read_shader(output.inputs["Surface"], (), 1.0, builder)
-    shining = [builder.scale(closure.color, closure.weight) for closure in closures if closure.kind == "emission"]
-    if not shining:
+    shine = read_shine(output.inputs["Surface"], builder)
+    if shine is None:
         return None
-    color, seen_by = sum_colors(builder, shining), find_world_visibility(world)
-    if isinstance(color, Register):
-        return raytracer.World(color, Program(builder.steps), seen_by)
-    return raytracer.World(read_color(color), seen_by=seen_by)
-
-
-def sum_colors(builder: ProgramBuilder, colors: list[Value]) -> Value:
-    """Return the sum of colors."""
-    total = colors[0]
-    for color in colors[1:]:
-        inputs = (total, color, np.zeros(3), 1.0)
-        total = builder.add("VECT_MATH Vector", inputs, {"operation": "ADD"})["Vector"]
-    return total
+    seen_by = find_world_visibility(world)
+    if isinstance(shine, Register):
+        return raytracer.World(shine, Program(builder.steps), seen_by)
+    return raytracer.World(shine, seen_by=seen_by)
 
 
 def find_world_visibility(world: Any) -> int:

@@ -25,6 +25,19 @@ class RAYTRACER_VIEWLAYER_PT_passes(EnginePanel, bpy.types.Panel):
                 column.prop(context.view_layer, stored.option, text=name)
 
 
+class RAYTRACER_VIEWLAYER_PT_filter(EnginePanel, bpy.types.Panel):
+    """What a view layer leaves out of its scene."""
+
+    bl_label = "Filter"
+    bl_context = "view_layer"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        column, layer = split(self).column(heading="Include"), context.view_layer
+        column.prop(layer, "use_sky", text="Environment")
+        column.prop(layer, "use_solid", text="Surfaces")
+
+
 class RAYTRACER_VIEWLAYER_PT_override(EnginePanel, bpy.types.Panel):
     """What a view layer shows instead of the materials and the world of its scene."""
 
@@ -39,4 +52,4 @@ class RAYTRACER_VIEWLAYER_PT_override(EnginePanel, bpy.types.Panel):
             column.prop(layer, "world_override", text="World")
 
 
-CLASSES = (RAYTRACER_VIEWLAYER_PT_passes, RAYTRACER_VIEWLAYER_PT_override)
+CLASSES = (RAYTRACER_VIEWLAYER_PT_passes, RAYTRACER_VIEWLAYER_PT_filter, RAYTRACER_VIEWLAYER_PT_override)

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from raytracer.arrays.rows import mean_column
-from raytracer.arrays.types import Floats
+from raytracer.arrays.rows import mean_column, sum_columns
+from raytracer.arrays.types import Booleans, Floats
 from raytracer.bsdfs.bounce_kinds import describe_kinds
 from raytracer.casting.rays import Hits
 from raytracer.integrator.bounces import meet_lights
@@ -20,6 +20,8 @@ from raytracer.integrator.paths import PathPasses, Paths, Wave
 from raytracer.lecture import length
 from raytracer.lights.emitters import emitter_density
 from raytracer.lights.environment import Environment, environment_density, evaluate_environment
+from raytracer.lights.light_nodes import ComputedLight, find_factor
+from raytracer.lights.light_shapes import LightHits
 from raytracer.lights.lights import evaluate_light
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import power_heuristic
@@ -75,9 +77,28 @@ def add_visible_light(integrator: Integrator, light: Light, passes: PathPasses, 
     if integrator.links is not None:
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
     share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
-    radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * seen.radiance)
+    computed = integrator.light_nodes.get(light)
+    radiance = seen.radiance if computed is None else vary_seen(computed, paths, seen, passed)
+    radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
     passes.add("Combined", paths.row, radiance)
     passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
+
+
+def vary_seen(computed: ComputedLight, paths: Paths, seen: LightHits, passed: Booleans) -> Floats:
+    """Return the radiance (n, 3) that paths see of a light, in what its nodes make of it; 0 where they do not pass.
+
+    As in Cycles, what kind of ray it is, a light is never told: it would not be where it is sampled either.
+    """
+    rows = np.flatnonzero(passed)
+    paths, distance = paths.select(rows), seen.distance[rows]
+    unit = length(paths.rays.directions)
+    told = describe_rays(paths, (np.minimum(distance, FARTHEST) - paths.travelled) / unit).values
+    depth = {"depth": sum_columns(paths.bounces) + 1.0}
+    path = LightPath({name: told[name] for name in ("length", "travelled")} | depth)
+    directions = paths.rays.directions / unit[:, np.newaxis]
+    radiance = np.zeros(seen.radiance.shape)
+    radiance[rows] = seen.radiance[rows] * find_factor(computed, paths.scatter_origin, directions, distance, path)
+    return radiance
 
 
 def cut_holes(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> tuple[Paths, Hits]:

@@ -49,7 +49,10 @@ def sample_lights(
         seen_by = source.seen_by if found.seen_by is None else found.seen_by
         reflect = reflect_seen if source.cast_as == SEEN_BY["shadow"] else reflect_as_rays
         light = reflect(points.shading, probabilities, found.light, seen_by) * throughput
-        lit = np.flatnonzero((found.light.density > 0) & any_column(light > 0))
+        if source.max_bounces is not None:
+            assert points.bounces is not None
+            light[points.bounces > source.max_bounces] = 0.0
+        lit = np.flatnonzero((found.light.density > 0) & any_column(light != 0))
         lifts = source.kind != OTHER
         rays = _aim(points, found.light, lit, lifts) if source.cast_shadow or all_rays else None
         depths, key = points.depths.select(lit), found.key[lit]

@@ -10,12 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
-from raytracer.scene.lights import World
+from raytracer.scene.lights import Light, World
 from raytracer.scene.materials import Closure
 from raytracer.scene.programs import Register
 from raytracer.scene.scene import Scene
-from raytracer.shading.evaluate import casts_rays, reads_light_path
+from raytracer.shading.evaluate import casts_rays, list_steps, reads_light_path
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
 SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
@@ -40,6 +42,8 @@ class Features:
     programs : a parameter of a material is computed at each point
     light_path : a program of a material asks how the ray came
     occlusion : a program casts rays
+    light_nodes : a light has nodes that vary
+    light_bounces : a light asks how many bounces led to what it lights, for a limit or for its nodes
     """
 
     smooth_normals: bool
@@ -57,6 +61,8 @@ class Features:
     programs: bool
     light_path: bool
     occlusion: bool
+    light_nodes: bool
+    light_bounces: bool
 
 
 def _may(closure: Closure, name: str, predicate: Callable[[Any], Any]) -> bool:
@@ -71,7 +77,7 @@ def _has_weight(closure: Closure) -> bool:
 def _emits(closure: Closure) -> bool:
     name = "color" if closure.kind == "emission" else "emission"
     kind = closure.kind in ("emission", "principled")
-    return kind and _has_weight(closure) and _may(closure, name, lambda color: color.max() > 0)
+    return kind and _has_weight(closure) and _may(closure, name, np.any)
 
 
 def _is_diffuse(closure: Closure) -> bool:
@@ -103,13 +109,18 @@ def _lets_through(closure: Closure) -> bool:
 
 
 def _shines(world: World) -> bool:
-    return isinstance(world.color, Register) or bool(world.color.max() > 0)
+    return isinstance(world.color, Register) or bool(world.color.any())
 
 
 def _is_any(scene: Scene, name: str) -> bool:
     """True where an instance, or a group of spheres, has a property."""
     placed = scene.instances is not None and bool(getattr(scene.instances, name).any())
     return placed or any(getattr(group, name) for group in scene.spheres)
+
+
+def _counts_bounces(light: Light) -> bool:
+    steps = () if light.nodes is None else list_steps(light.nodes.program)
+    return light.max_bounces is not None or any(step.operation == "LIGHT_PATH Ray Depth" for step in steps)
 
 
 def derive_features(scene: Scene) -> Features:
@@ -132,7 +143,10 @@ def derive_features(scene: Scene) -> Features:
         light_linking=any(record.receivers != ALL_SETS for record in (*scene.lights, *scene.spheres))
         or (scene.instances is not None and bool((scene.instances.receivers != ALL_SETS).any())),
         ray_visibility=hides,
-        programs=any(closure.registers or closure.vectors for closure in closures),
+        programs=any(closure.registers or closure.vectors for closure in closures)
+        or any(material.normal is not None for material in scene.materials),
         light_path=any(reads_light_path(material.program) for material in scene.materials),
         occlusion=any(casts_rays(material.program) for material in scene.materials),
+        light_nodes=any(light.nodes is not None for light in scene.lights),
+        light_bounces=any(map(_counts_bounces, scene.lights)),
     )

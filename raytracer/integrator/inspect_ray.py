@@ -32,7 +32,7 @@ from raytracer.integrator.contributions import add_background, add_emission, add
 from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import Integrator, find_lift, light_is_on, prepare
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
-from raytracer.integrator.loop import find_closed
+from raytracer.integrator.loop import count_all, find_closed
 from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
@@ -242,8 +242,8 @@ def trace_shadows(inspector: Inspector, wave: Wave) -> Iterator[Shadow]:
     """Yield a shadow ray to each source of light of which the surface sends anything back."""
     integrator = inspector.integrator
     sampler = Sampler(MiddleSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
-    depths = Depths(wave.paths.passages, wave.paths.bounces)
-    points = ShadingPoints(wave.surface, wave.shading, depths, sampler, find_lift(integrator))
+    depths, bounces = Depths(wave.paths.passages, wave.paths.bounces), count_all(integrator, wave.paths)
+    points = ShadingPoints(wave.surface, wave.shading, depths, sampler, find_lift(integrator), bounces)
     # Nothing but light sampling brings this light: no other way to its directions has a probability.
     probabilities = np.zeros((1, 1 + len(wave.shading.lobes)))
     row = np.zeros(1, np.intp)
@@ -321,7 +321,7 @@ def find_branches(integrator: Integrator, wave: Wave) -> Iterator[Branch]:
         total = weight + (found[key][1] if key in found else 0.0)
         found[key] = direction, total, bounce
     for (kind, _), (direction, weight, bounce) in found.items():
-        if weight.max() > 0:
+        if weight.any():
             sample = BsdfSample(
                 direction[np.newaxis], np.ones((1, 3)), np.array([np.inf]), np.array([bounce], np.uint8)
             )

@@ -5,8 +5,8 @@ What a scene lacks has no stage, no table and costs nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -31,6 +31,7 @@ from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, tran
 from raytracer.lights.emitters import Emitters, make_emitters
 from raytracer.lights.environment import Environment, make_environment
 from raytracer.lights.light_linking import LightLinks
+from raytracer.lights.light_nodes import ComputedLight, make_computed_lights
 from raytracer.lights.lights import has_extent
 from raytracer.sampling.dimensions import WaveDimensions, allocate_dimensions
 from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
@@ -55,6 +56,8 @@ class Integrator:
     cast : finds what rays hit of what they see
     sources : one for each source of light that surfaces are lit by
     visible_lights : lights that a reflected ray can meet
+    light_nodes : what evaluates the nodes of lights that have any
+    counts_bounces : True where a light asks how many bounces led to what it lights
     emitters : None where nothing is emissive
     background : the world, or None where it is black
     visibility : how shadow rays fare
@@ -95,6 +98,8 @@ class Integrator:
     terminator: Terminator | None = None
     is_catcher: Booleans | None = None
     catchers_only: Integrator | None = None
+    light_nodes: Mapping[Light, ComputedLight] = field(default_factory=dict)
+    counts_bounces: bool = False
 
 
 def prepare(
@@ -125,7 +130,10 @@ def prepare(
     background = None
     if features.world and needs_light and scene.world is not None:
         background = make_environment(scene.world, scene.camera, resolution)
-    compose = partial(_compose, scene, settings, features, tables, materials, background, terminator)
+    computed: dict[Light, ComputedLight] = {}
+    if features.light_nodes and needs_light:
+        computed = make_computed_lights(scene.lights, scene.camera, resolution)
+    compose = partial(_compose, scene, settings, features, tables, materials, background, terminator, computed)
     whole = compose(caster)
     if not catches_shadows(features, settings):
         return whole
@@ -160,11 +168,13 @@ def _compose(
     materials: MaterialTable,
     background: Environment | None,
     terminator: Terminator | None,
+    computed: Mapping[Light, ComputedLight],
     caster: RayCaster,
     present: Booleans | None = None,
 ) -> Integrator:
     """Return the stages of a scene, or of its shadow catchers alone, with what lights them.
 
+    computed : what evaluates the nodes of lights that have any
     caster : of what is present
     present : (instances + groups,) bool, which are shadow catchers; None for the whole scene
     """
@@ -176,7 +186,9 @@ def _compose(
     seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
     lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     links = _link_lights(scene) if features.light_linking else None
-    sources = [make_light_source(light, features.rough or interreflects, links) for light in lights]
+    sources = [
+        make_light_source(light, features.rough or interreflects, links, computed.get(light)) for light in lights
+    ]
     if emitters is not None:
         by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by) else None
         sources.append(EmissiveGeometry(emitters=emitters, links=links, seen_by_object=by_object))
@@ -206,6 +218,8 @@ def _compose(
         materials=materials,
         sources=set_chances(sources),
         visible_lights=visible_lights,
+        light_nodes=computed,
+        counts_bounces=features.light_bounces,
         emitters=emitters,
         background=background,
         visibility=visibility,
@@ -259,9 +273,9 @@ def _find_visible(lights: list[Light], reflects: bool) -> tuple[Light, ...]:
 
 
 def light_is_on(light: Light) -> bool:
-    """True where a light sends any light."""
+    """True where a light sends any light, or takes any away."""
     power = light.strength if hasattr(light, "strength") else light.power
-    return bool(power.max() > 0)
+    return bool(power.any())
 
 
 def _gather_records(scene: Scene, name: str, dtype: type) -> NDArray[Any]:

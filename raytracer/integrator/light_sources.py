@@ -26,11 +26,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from raytracer.arrays.types import Keys, Masks
+from raytracer.arrays.types import Counts, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.bsdfs.closures import Shading
 from raytracer.lights.emitters import (
@@ -49,6 +49,7 @@ from raytracer.lights.environment import (
     list_world_samplers,
 )
 from raytracer.lights.light_linking import LightLinks
+from raytracer.lights.light_nodes import ComputedLight, vary_samples
 from raytracer.lights.light_shapes import LightSamples
 from raytracer.lights.lights import has_extent, sample_light
 from raytracer.lights.shared_points import is_near, is_shareable, sample_shared, share_points
@@ -73,6 +74,7 @@ class ShadingPoints:
     depths : of the paths that led there
     sampler : begins with the wave's dimensions
     lift : tells which shadow rays start higher (`terminator`); None where none do
+    bounces : (n,) the bounces of all kinds of the paths; None where no light asks
     """
 
     surface: Surface
@@ -80,6 +82,7 @@ class ShadingPoints:
     depths: Depths
     sampler: Sampler
     lift: Lift | None = None
+    bounces: Counts | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -107,6 +110,7 @@ class LightSource(ABC):
     seen_by : bits of SEEN_BY, the classes of rays that see it, which are the ways in which its light is reflected
     unstopped : True where its light passes transparent surfaces that stop that of others
     cast_as : the class of its shadow rays, which tells what objects they meet
+    max_bounces : it lights nothing that a path has bounced to more often; None without limit
     """
 
     dimension_count: ClassVar[int]
@@ -117,6 +121,7 @@ class LightSource(ABC):
     seen_by: int = SEEN_BY_ALL
     unstopped: bool = False
     cast_as: int = SEEN_BY["shadow"]
+    max_bounces: int | None = None
 
     @abstractmethod
     def sample(self, points: ShadingPoints) -> KeyedSamples:
@@ -155,6 +160,19 @@ class SampledLight(LightSource):
         if self.links is not None:
             found.light.weight[~self.links.find_lit(self.light.receivers, points.surface.instance)] = 0.0
         return found
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SampledLightWithNodes(SampledLight):
+    """One light whose nodes weigh the samples."""
+
+    computed: ComputedLight
+
+    def sample(self, points: ShadingPoints) -> KeyedSamples:
+        """Return samples as of any light, each weighed."""
+        found = SampledLight.sample(self, points)
+        light = vary_samples(self.computed, points.surface.position, points.bounces, found.light)
+        return replace(found, light=light)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -226,10 +244,22 @@ class SampledWorld(LightSource):
         return put_further(describe_reflected(np.full(count, self.reflected, np.uint8), length, depths))
 
 
-def make_light_source(light: Light, weigh: bool, links: LightLinks | None = None) -> LightSource:
-    """Return a light as a source; arguments as in `SampledLight`."""
-    links = None if light.receivers == ALL_SETS else links
-    return SampledLight(light=light, weigh=weigh, links=links, cast_shadow=light.cast_shadow, seen_by=light.seen_by)
+def make_light_source(
+    light: Light, weigh: bool, links: LightLinks | None = None, computed: ComputedLight | None = None
+) -> LightSource:
+    """Return a light as a source; arguments as in `SampledLight`.
+
+    computed : what evaluates its nodes, or None for a light without
+    """
+    fields: dict[str, Any] = {
+        "light": light,
+        "weigh": weigh,
+        "links": None if light.receivers == ALL_SETS else links,
+        "cast_shadow": light.cast_shadow,
+        "seen_by": light.seen_by,
+        "max_bounces": light.max_bounces,
+    }
+    return SampledLight(**fields) if computed is None else SampledLightWithNodes(**fields, computed=computed)
 
 
 def make_world_sources(environment: Environment, tells_rays_apart: bool) -> list[LightSource]:

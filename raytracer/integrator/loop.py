@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from raytracer.arrays.rows import any_column, sum_columns
-from raytracer.arrays.types import Booleans, Floats
+from raytracer.arrays.types import Booleans, Counts, Floats
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
 from raytracer.casting.rays import Hits, Rays
@@ -154,6 +154,7 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
         Depths(paths.passages, paths.bounces if integrator.tells_paths else None),
         sampler,
         find_lift(integrator),
+        count_all(integrator, paths),
     )
     throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
     shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row)
@@ -168,6 +169,11 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     end_in_the_dark(integrator, paths, sample)
     play_roulette(integrator, paths, sample, sampler)
     return Shaded(shadow_rays, advance(wave, sample))
+
+
+def count_all(integrator: Integrator, paths: Paths) -> Counts | None:
+    """Return the bounces (k,) of all kinds of paths, or None where no light asks."""
+    return sum_columns(paths.bounces) if integrator.counts_bounces else None
 
 
 def find_closed(integrator: Integrator, paths: Paths) -> Booleans:

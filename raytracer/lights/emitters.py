@@ -53,8 +53,8 @@ class Emitters:
     corners : (k, 3 corners, 3) float64, world, and normal : (k, 3) float64, unit, of triangles; 0 for spheres
     error : (k,) float64, metres, bound on the error of a point on the triangle
     cumulative : (k,) float64, running sum of the shares of power, ending at 1
-    power_density : (materials,) float64, the material's mean radiance times pi over the total power: the share of a
-        primitive of area A is A times this
+    power_density : (materials,) float64, the material's mean size of radiance times pi over the total power: the share
+        of a primitive of area A is A times this
     radiance : (materials, 3) float64, 1 for those that programs compute
     varies : (materials,) bool, True for those, or None where all are constant
     find_radiance : (n, 3) radiance at points of a surface; asked for materials that vary
@@ -90,13 +90,13 @@ def make_emitters(
     find_radiance: RadianceAt | None = None,
     present: NDArray[np.bool_] | None = None,
 ) -> Emitters:
-    """Collect the primitives whose material has radiance (materials, 3) above 0, or NaN: `find_radiance` tells.
+    """Collect the primitives whose material has radiance (materials, 3) other than 0, or NaN: `find_radiance` tells.
 
     present : (instances + groups,) bool, True for those that count; None where all do
     """
     varies = any_column(np.isnan(radiance))
     radiance = np.where(varies[:, np.newaxis], 1.0, radiance)
-    emitters = _collect(tables, radiance, mean_column(radiance), present)
+    emitters = _collect(tables, radiance, mean_column(np.abs(radiance)), present)
     if find_radiance is None or not varies.any():
         return emitters
     mean = _estimate_means(emitters, varies, find_radiance)
@@ -139,7 +139,7 @@ def _collect(
 def _estimate_means(emitters: Emitters, varies: NDArray[np.bool_], find_radiance: RadianceAt) -> Floats:
     """Return about the mean radiance of each material (materials,): of those that vary from ESTIMATE_POINTS of their
     points; never 0, for they may shine elsewhere."""
-    mean = mean_column(emitters.radiance)
+    mean = mean_column(np.abs(emitters.radiance))
     material = emitters.material
     numbers = (np.arange(ESTIMATE_POINTS)[:, np.newaxis] + 0.5) * GOLDEN_STEPS % 1.0
     for number in np.flatnonzero(varies):
@@ -150,7 +150,7 @@ def _estimate_means(emitters: Emitters, varies: NDArray[np.bool_], find_radiance
         surface = _place_surface(emitters, picked, numbers[:, :2], None, None)
         # As if from a metre away, after the first bounce.
         depths = Depths(np.zeros(ESTIMATE_POINTS, np.int32), np.zeros((ESTIMATE_POINTS, 3), np.int32))
-        mean[number] = find_radiance(surface, describe_sampling(np.ones(ESTIMATE_POINTS), depths)).mean()
+        mean[number] = np.abs(find_radiance(surface, describe_sampling(np.ones(ESTIMATE_POINTS), depths))).mean()
     return np.maximum(mean, LEAST_SHARE * max(mean.max(initial=0.0), np.finfo(np.float64).tiny))
 
 
@@ -203,7 +203,7 @@ def _find_emissive(tables: SurfaceTables, record: int, radiance: Floats) -> Inte
     count = int(np.diff(tables.geometry.first_id)[record])
     primitives = np.arange(count, dtype=np.int32)
     material = _materials(tables, np.full(count, record, dtype=np.int32), primitives)
-    return primitives[any_column(radiance[material] > 0)]
+    return primitives[any_column(radiance[material] != 0)]
 
 
 def _materials(tables: SurfaceTables, instance: Integers, primitive: Integers) -> Integers:

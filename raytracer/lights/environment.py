@@ -110,7 +110,7 @@ def evaluate_environment(environment: Environment, directions: Floats, path: Lig
     assert environment.program is not None
     site = _make_site(environment, normalize(directions), path)
     found = evaluate(environment.program, site, environment.needed)[environment.color]
-    return np.maximum(np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
+    return np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def _make_site(environment: Environment, directions: Floats, path: LightPath | None) -> Site:
@@ -191,7 +191,7 @@ def _spread_bright(cells: Floats) -> Floats:
 
 
 def _evaluate_corners(environment: Environment, height: int, width: int) -> Floats:
-    """Return the mean of the channels at the corners of a grid, (h + 1, w)."""
+    """Return the mean size of the channels at the corners of a grid, (h + 1, w)."""
     corners = np.empty((height + 1, width))
     rows = max(1, DIRECTIONS_AT_ONCE // width)
     u = np.arange(width) / width
@@ -199,7 +199,7 @@ def _evaluate_corners(environment: Environment, height: int, width: int) -> Floa
         v = np.arange(first, min(first + rows, height + 1)) / height
         directions = place_equirectangular(u, v[:, np.newaxis]).reshape(-1, 3)
         radiance = np.broadcast_to(evaluate_environment(environment, directions), directions.shape)
-        corners[first : first + len(v)] = radiance.mean(axis=1).reshape(len(v), width)
+        corners[first : first + len(v)] = np.abs(radiance).mean(axis=1).reshape(len(v), width)
     return corners
 
 

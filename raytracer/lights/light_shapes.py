@@ -69,7 +69,7 @@ def miss_where(missed: Booleans, distance: Floats, radiance: Floats, density: Fl
 
 
 def without_extent(direction: Floats, distance: Floats, irradiance: Floats) -> LightSamples:
-    lit = any_column(irradiance > 0)
+    lit = any_column(irradiance != 0)
     return LightSamples(direction, distance, irradiance, np.where(lit, np.inf, 0.0))
 
 

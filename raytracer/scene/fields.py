@@ -33,11 +33,18 @@ def set_array(record: Any, name: str, dtype: type, shape: Sequence[int | str], l
     return array
 
 
-def set_color(record: Any, name: str, label: str) -> None:
-    """Replace a field by a non-negative linear RGB triple; a single number stands for grey."""
+def set_light(record: Any, name: str, label: str) -> NDArray[Any]:
+    """Replace a field by a linear RGB triple; a single number stands for grey, and what is below 0 takes light away."""
     value = getattr(record, name)
     set_field(record, name, np.full(3, value, dtype=np.float64) if np.ndim(value) == 0 else value)
-    require_range(set_array(record, name, np.float64, (3,), label), 0.0, LARGEST, f"{label}: {name}")
+    array = set_array(record, name, np.float64, (3,), label)
+    require_range(array, -LARGEST, LARGEST, f"{label}: {name}")
+    return array
+
+
+def set_color(record: Any, name: str, label: str) -> None:
+    """Replace a field by a non-negative linear RGB triple; a single number stands for grey."""
+    require_range(set_light(record, name, label), 0.0, LARGEST, f"{label}: {name}")
 
 
 def set_number(record: Any, name: str, low: float, high: float, label: str) -> None:

@@ -1,4 +1,4 @@
-"""Lights, in Blender's units: watts, and W/m^2 for the sun."""
+"""Lights, in Blender's units: watts, and W/m^2 for the sun. Light below 0 takes light away."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from raytracer.scene.fields import (
     SEEN_BY_ALL,
     require_text,
     set_array,
-    set_color,
+    set_count,
     set_field,
     set_flags,
+    set_light,
     set_number,
     set_receivers,
     set_seen_by,
 )
 from raytracer.scene.programs import Program, Register, check_program, check_register
+from raytracer.scene.shapes import Instances
 
 # Blender's default ray visibility of a light; shadow rays are not affected.
 LIGHT_SEEN_BY = SEEN_BY_ALL - SEEN_BY["camera"]
@@ -34,7 +36,33 @@ def check_shared_fields(light: Any) -> str:
     set_flags(light, ("cast_shadow", "shadow_catcher"), label)
     set_seen_by(light, label)
     set_receivers(light, label)
+    if light.max_bounces is not None:
+        set_count(light, "max_bounces", label)
+    if light.nodes is not None and not isinstance(light.nodes, LightNodes):
+        raise ValueError(f"{label}: nodes: expected LightNodes or None, got {type(light.nodes).__name__}")
     return label
+
+
+@dataclass(frozen=True, eq=False)
+class LightNodes:
+    """What a light's nodes make of it: a factor of its radiance that a program computes at each sample.
+
+    color : linear RGB, a Register of `program`
+    placed : one instance, whose matrix, color and numbers are those of the light's object
+    """
+
+    color: Register
+    program: Program
+    placed: Instances
+
+    def __post_init__(self) -> None:
+        check_program(self.program, "LightNodes: program")
+        if not isinstance(self.color, Register) or self.program is None:
+            raise ValueError(f"LightNodes: color: expected a Register of the program, got {self.color!r:.80}")
+        check_register(self.color, self.program, "LightNodes: color")
+        if not isinstance(self.placed, Instances) or len(self.placed) != 1:
+            given = f"{len(self.placed)}" if isinstance(self.placed, Instances) else type(self.placed).__name__
+            raise ValueError(f"LightNodes: placed: expected one instance, got {given}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +75,8 @@ class PointLight:
     shadow_catcher : True for a light that is part of what shadow catchers stand for: they know its light without the
         other objects. So for all lights
     receivers : the sets of objects that it lights, as bits: 1 << light_set. So for all lights
+    max_bounces : it lights nothing that a path has bounced to more often; None without limit. So for all lights
+    nodes : LightNodes, or None for an even light. So for all lights
     """
 
     position: Any
@@ -58,12 +88,14 @@ class PointLight:
     seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
+    max_bounces: int | None = None
+    nodes: LightNodes | None = None
 
     def __post_init__(self) -> None:
         label = check_shared_fields(self)
         set_array(self, "position", np.float64, (3,), label)
         set_flags(self, ("soft_falloff",), label)
-        set_color(self, "power", label)
+        set_light(self, "power", label)
         set_number(self, "radius", 0.0, np.inf, label)
 
 
@@ -111,6 +143,8 @@ class SunLight:
     seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
+    max_bounces: int | None = None
+    nodes: LightNodes | None = None
 
     def __post_init__(self) -> None:
         label = check_shared_fields(self)
@@ -121,7 +155,7 @@ class SunLight:
         # Where a square would leave float64, or a length is not 1 to the last bit: scaled by a power of 2, exactly.
         scaled = np.ldexp(direction, -int(np.frexp(largest)[1]))
         set_field(self, "direction", scaled / np.linalg.norm(scaled))
-        set_color(self, "strength", label)
+        set_light(self, "strength", label)
         set_number(self, "angle", 0.0, np.pi, label)
 
 
@@ -146,12 +180,14 @@ class AreaLight:
     seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
+    max_bounces: int | None = None
+    nodes: LightNodes | None = None
 
     def __post_init__(self) -> None:
         label = check_shared_fields(self)
         for name in ("position", "axis_u", "axis_v"):
             set_array(self, name, np.float64, (3,), label)
-        set_color(self, "power", label)
+        set_light(self, "power", label)
         require_choice(self.shape, ("rectangle", "ellipse"), f"{label}: shape")
         set_number(self, "spread", 0.0, np.pi, label)
 
@@ -178,4 +214,4 @@ class World:
         if isinstance(self.color, Register):
             check_register(self.color, self.program, "World: color")
         else:
-            set_color(self, "color", "World")
+            set_light(self, "color", "World")

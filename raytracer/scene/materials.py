@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 
 from raytracer.arrays.checks import require_choice
-from raytracer.scene.fields import make_records, require_text, set_color, set_count, set_field, set_flags, set_number
+from raytracer.scene.fields import (
+    make_records,
+    require_text,
+    set_color,
+    set_count,
+    set_field,
+    set_flags,
+    set_light,
+    set_number,
+)
 from raytracer.scene.programs import Program, Register, check_program, check_register, make_value
 
 # The colors of a closure, its directions, and the range of each of its numbers.
@@ -31,6 +40,11 @@ CLOSURE_KINDS = (
     *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon"),
 )
 DISTRIBUTIONS = ("ggx", "beckmann")
+
+
+def shines(kind: str, name: str) -> bool:
+    """True for a parameter that is light and may be below 0, which takes light away; other colors may not."""
+    return name == "emission" or (kind == "emission" and name == "color")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +105,7 @@ class Closure:
         computed = self.registers
         for name in CLOSURE_COLORS:
             if name not in computed:
-                set_color(self, name, label)
+                (set_light if shines(self.kind, name) else set_color)(self, name, label)
         for name, (low, high) in CLOSURE_RANGES.items():
             if name not in computed:
                 set_number(self, name, low, high, label)
@@ -115,6 +129,8 @@ class Material:
 
     program : computes the parameters that are Registers; None where all are constant
     transparent_shadow : False stops light all the same where the surface is transparent
+    normal : a Register of `program`, the normal that stands for the surface's own, for closures and for the rest of the
+        program, or None (a displacement that is shown as a bump)
     """
 
     closures: Sequence[Closure] = ()
@@ -122,6 +138,7 @@ class Material:
     name: str = ""
     program: Program | None = None
     transparent_shadow: bool = True
+    normal: Register | None = None
 
     def __post_init__(self) -> None:
         require_text(self.name, "Material: name")
@@ -129,6 +146,9 @@ class Material:
         set_count(self, "pass_index", label)
         set_flags(self, ("transparent_shadow",), label)
         check_program(self.program, f"{label}: program")
+        if self.normal is not None and not isinstance(self.normal, Register):
+            raise ValueError(f"{label}: normal: expected a Register or None, got {type(self.normal).__name__}")
+        check_register(self.normal, self.program, f"{label}: normal")
         set_field(self, "closures", make_records(self.closures, Closure, f"{label}: closures"))
         for closure in self.closures:
             for name, register in closure.registers.items():

@@ -6,13 +6,13 @@ A material without computed parameters is not in here, and a scene without any h
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats
-from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_RANGES, CLOSURE_VECTORS, Closure
+from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_RANGES, CLOSURE_VECTORS, Closure, shines
 from raytracer.scene.programs import Program, Register, Value
 from raytracer.scene.scene import Scene
 from raytracer.shading.evaluate import evaluate, find_needed, list_attributes
@@ -26,6 +26,8 @@ TRANSPARENCY_FIELDS = {"principled": ("weight", "alpha"), "transparent": ("weigh
 
 Slot = tuple[int, str]
 Columns = dict[Slot, Floats]
+# The slot of a material's own normal, before all closures.
+NORMAL: Slot = (-1, "normal")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +36,13 @@ class Recipe:
 
     values : the register, or the constant direction, of a field of a closure, by (slot, field)
     needed : the program's steps for them
+    shining : those of the values that are light
     """
 
     program: Program
     values: dict[Slot, Value]
     needed: tuple[int, ...]
+    shining: frozenset[Slot]
 
 
 Recipes = dict[int, Recipe]
@@ -46,12 +50,14 @@ Recipes = dict[int, Recipe]
 
 @dataclass(frozen=True, eq=False)
 class ComputedMaterials:
-    """The recipes of a scene's materials, by number: for everything, and for emission and transparency alone."""
+    """The recipes of a scene's materials, by number: for everything, for emission and transparency alone, and for the
+    normals of those that have their own."""
 
     tables: SiteTables
     everything: Recipes
     radiance: Recipes
     transparency: Recipes
+    normals: Recipes
 
 
 def list_scene_attributes(scene: Scene) -> set[str]:
@@ -68,7 +74,29 @@ def make_computed_materials(kept: list[list[Closure]], scene: Scene, tables: Sit
         everything=_make_recipes(kept, programs, None),
         radiance=_make_recipes(kept, programs, RADIANCE_FIELDS),
         transparency=_make_recipes(kept, programs, TRANSPARENCY_FIELDS),
+        normals=_make_normal_recipes(scene),
     )
+
+
+def _make_normal_recipes(scene: Scene) -> Recipes:
+    recipes = {}
+    for number, material in enumerate(scene.materials):
+        if material.normal is not None and material.program is not None:
+            needed = find_needed(material.program, [material.normal])
+            recipes[number] = Recipe(material.program, {NORMAL: material.normal}, needed, frozenset())
+    return recipes
+
+
+def bend_normals(computed: ComputedMaterials, surface: Surface, path: LightPath | None) -> Surface:
+    """Return the surface with the shading normals that materials have of their own."""
+    if not computed.normals:
+        return surface
+    bent = compute_columns(computed, computed.normals, surface, path).get(NORMAL)
+    if bent is None:
+        return surface
+    sign = np.where(surface.front, 1.0, -1.0)[:, np.newaxis]
+    normal = np.where(np.isnan(bent), surface.shading_normal, sign * bent)
+    return replace(surface, shading_normal=normal)
 
 
 def _make_recipes(
@@ -83,7 +111,8 @@ def _make_recipes(
             values |= {(slot, name): value for name, value in computed.items() if name in wanted}
         if values:
             program = programs[material]
-            recipes[material] = Recipe(program, values, find_needed(program, values.values()))
+            shining = frozenset((slot, name) for slot, name in values if shines(closures[slot].kind, name))
+            recipes[material] = Recipe(program, values, find_needed(program, values.values()), shining)
     return recipes
 
 
@@ -101,7 +130,8 @@ def compute_columns(computed: ComputedMaterials, recipes: Recipes, surface: Surf
         for slot, value in recipe.values.items():
             width = (3,) if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else ()
             column = columns.setdefault(slot, np.full((len(surface), *width), np.nan))
-            column[points] = limit(slot[1], outputs[value] if isinstance(value, Register) else value)
+            found = outputs[value] if isinstance(value, Register) else value
+            column[points] = limit(slot[1], found, slot in recipe.shining)
     return columns
 
 
@@ -110,10 +140,10 @@ def _make_site(computed: ComputedMaterials, surface: Surface, path: LightPath | 
     return Site(surface, computed.tables, chosen, measure_footprint(computed.tables, surface, chosen))
 
 
-def limit(name: str, values: object) -> Floats:
-    """Return a field's values cut to its range, as Cycles cuts them; what is not finite becomes 0."""
+def limit(name: str, values: object, shining: bool = False) -> Floats:
+    """Return a field's values cut to its range, as Cycles cuts them, light uncut; what is not finite becomes 0."""
     found = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0, posinf=0.0, neginf=0.0)
-    if name in CLOSURE_VECTORS:
+    if shining or name in CLOSURE_VECTORS:
         return found
     low, high = CLOSURE_RANGES.get(name, (0.0, np.inf))
     return np.clip(found, low, high)

@@ -24,7 +24,14 @@ from raytracer.bsdfs.closures import Closures, Points, Shading, TiltedDiffuse, p
 from raytracer.bsdfs.microfacet import Microfacets
 from raytracer.scene.materials import CLOSURE_KINDS, CLOSURE_VECTORS, Closure
 from raytracer.scene.scene import Scene
-from raytracer.shading.computed import Columns, ComputedMaterials, Recipes, compute_columns, make_computed_materials
+from raytracer.shading.computed import (
+    Columns,
+    ComputedMaterials,
+    Recipes,
+    bend_normals,
+    compute_columns,
+    make_computed_materials,
+)
 from raytracer.shading.site import LightPath, describe_shadow_rays
 from raytracer.shading.site_tables import SiteTables
 from raytracer.surfaces.surface import Surface
@@ -162,6 +169,7 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
     """Return the Shading at n points of a surface; path : how the rays came, for programs that ask."""
     columns: Columns = {}
     if table.computed is not None:
+        surface = bend_normals(table.computed, surface, path)
         columns = compute_columns(table.computed, table.computed.everything, surface, path)
     sign = np.where(surface.front, 1.0, -1.0)[:, np.newaxis]
     lobes: list[Microfacets] = []

@@ -15,9 +15,12 @@ from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
 from raytracer.surfaces.surface_tables import CornerTable, SurfaceTables, pack_corners
 from raytracer.surfaces.tangents import make_tangents
+from raytracer.textures.image import map_sphere
 
 # What the names of tangents begin with; the coordinates they are for follow.
 TANGENT = "tangent "
+# A mesh's own coordinates, and the undeformed places of its vertices, which stand in for them where it has none.
+OWN_UV, UNDEFORMED = "uv", "undeformed"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +108,19 @@ def _invert(matrices: Floats) -> Floats:
 
 
 def _values_of(mesh: Any, name: str) -> Floats | None:
-    """An attribute of a mesh; "uv" is its own coordinates, "tangent x" the tangents for coordinates x."""
+    """An attribute of a mesh; "uv" is its own coordinates, "tangent x" the tangents for coordinates x.
+
+    Tangents of a mesh without coordinates of its own are those of longitude and latitude around its origin, if it says
+    where its vertices are undeformed (Cycles, blender/mesh.cpp, MikkMeshWrapper; no seam shows in what it renders).
+    """
     if name.startswith(TANGENT):
         uvs = _values_of(mesh, name.removeprefix(TANGENT))
-        return None if uvs is None else make_tangents(mesh, uvs[..., :2])
-    return mesh.uvs if name == "uv" and "uv" not in mesh.attributes else mesh.attributes.get(name)
+        if uvs is not None:
+            return make_tangents(mesh, uvs[..., :2])
+        if name != TANGENT + OWN_UV or UNDEFORMED not in mesh.attributes:
+            return None
+        return make_tangents(mesh, np.stack(map_sphere(*mesh.attributes[UNDEFORMED].T), axis=1), closed=True)
+    return mesh.uvs if name == OWN_UV and OWN_UV not in mesh.attributes else mesh.attributes.get(name)
 
 
 def _find_widths(scene: Scene, name: str) -> NDArray[np.int64]:

@@ -18,17 +18,20 @@ from raytracer.lecture import cross, dot
 from raytracer.scene.shapes import Mesh
 
 
-def make_tangents(mesh: Mesh, uvs: Floats) -> Floats:
+def make_tangents(mesh: Mesh, uvs: Floats, closed: bool = False) -> Floats:
     """Return (t, 3, 4) float64: the tangent of each corner in object space, unit, and the sign of the bitangent,
     sign (normal x tangent).
 
     Parameters
     ----------
     uvs : (v, 2) or (t, 3, 2)
+    closed : True where u goes round, so that 0 and 1 are the same
     """
     corners, uv = mesh.positions[mesh.triangles], _at_corners(mesh, uvs)  # (t, 3, 3), (t, 3, 2)
     normals = _corner_normals(mesh, corners)
     edges, steps = corners[:, 1:] - corners[:, :1], uv[:, 1:] - uv[:, :1]
+    if closed:
+        steps[..., 0] -= np.rint(steps[..., 0])
     # p = p0 + u T + v B: T is (dv2 e1 - dv1 e2) over the signed area of the uvs.
     area = steps[:, 0, 0] * steps[:, 1, 1] - steps[:, 1, 0] * steps[:, 0, 1]
     along = steps[:, 1, 1:2] * edges[:, 0] - steps[:, 0, 1:2] * edges[:, 1]

@@ -35,6 +35,20 @@ def decode_srgb(values: Floats) -> Floats:
     return np.where(values < 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
+def encode_srgb(values: Floats) -> Floats:
+    """Return sRGB numbers of linear ones, the inverse of `decode_srgb`."""
+    values = np.maximum(values, 0.0)
+    return np.where(values < 0.04045 / 12.92, values * 12.92, 1.055 * values ** (1 / 2.4) - 0.055)
+
+
+def map_sphere(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
+    """Return longitude and latitude (n,), 0 to 1, of points around the origin; 0 at the origin itself."""
+    radius = np.sqrt(x * x + y * y + z * z)
+    u = np.where((x == 0) & (y == 0), 0.0, (1.0 - np.arctan2(x, y) / np.pi) / 2.0)
+    height = np.divide(z, radius, out=np.zeros_like(radius), where=radius > 0)
+    return u, np.where(radius > 0, 1.0 - np.arccos(np.clip(height, -1.0, 1.0)) / np.pi, 0.0)
+
+
 def _weigh_closest(at: Floats) -> tuple[Indices, list[Floats]]:
     return np.floor(at).astype(np.int64), [np.ones_like(at)]
 

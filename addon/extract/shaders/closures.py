@@ -38,16 +38,10 @@ UNSUPPORTED_INPUTS = {
 
 
 class NodeInputs:
-    """Reads the inputs of one shader node: constants, or registers of the material's program.
+    """Reads the inputs of one shader node: constants, or registers of the material's program."""
 
-    Where only constants will do (`constants_only`), what a program would compute is replaced by the socket's own value
-    and reported.
-    """
-
-    def __init__(self, node: Any, groups: Groups, builder: ProgramBuilder, constants_only: bool) -> None:
+    def __init__(self, node: Any, groups: Groups, builder: ProgramBuilder) -> None:
         self.node, self.groups, self.builder = node, groups, builder
-        self._constants_only = constants_only
-        self._replaced: list[str] = []
 
     @property
     def place(self) -> Place:
@@ -95,15 +89,7 @@ class NodeInputs:
         return fields
 
     def _read(self, identifier: str, kind: str) -> Value:
-        socket = find_socket(self.node.inputs, identifier)
-        value = self.builder.value_of(socket, self.groups, kind)
-        if not (self._constants_only and isinstance(value, Register)):
-            return value
-        own = socket.default_value
-        source = find_source(socket, self.groups).socket
-        shown = f"{own:.3g}" if np.ndim(own) == 0 else f"({', '.join(f'{part:.3g}' for part in own[:3])})"
-        self._replaced.append(f"{socket.name} {shown} instead of node '{source.node.name}'")
-        return read_number(own) if kind == "number" else read_color(own)
+        return self.builder.value_of(find_socket(self.node.inputs, identifier), self.groups, kind)
 
     def is_used(self, identifier: str) -> bool:
         """Return True where an optional input is linked, or set to something other than zero."""
@@ -114,12 +100,6 @@ class NodeInputs:
         if source is None or source.is_output or socket.type == "VECTOR":
             return source is None or source.is_output
         return read_number(source.default_value) != 0
-
-    def report(self) -> None:
-        """Add one warning that lists the inputs that constants replaced."""
-        if self._replaced:
-            listed = ", ".join(self._replaced)
-            self.place.warn(f"node '{self.node.name}': only constants are supported, used {listed}")
 
 
 Fields = dict[str, Any]
@@ -136,6 +116,7 @@ def read_principled(inputs: NodeInputs) -> Fields:
         "transmission": inputs.number("Transmission Weight", high=1.0),
         "specular": inputs.number("Specular IOR Level", high=1.0),
         "specular_tint": inputs.color("Specular Tint"),
+        # As in Cycles, a constant strength below 0 is none, while one that nodes compute takes light away.
         "emission": builder.scale(inputs.color("Emission Color"), inputs.number("Emission Strength")),
         "alpha": inputs.number("Alpha", high=1.0),
         "normal": inputs.normal(),
@@ -256,7 +237,10 @@ def read_transparent(inputs: NodeInputs) -> Fields:
 
 
 def read_emission(inputs: NodeInputs) -> Fields:
-    return {"kind": "emission", "color": inputs.builder.scale(inputs.color("Color"), inputs.number("Strength"))}
+    return {
+        "kind": "emission",
+        "color": inputs.builder.scale(inputs.color("Color"), inputs.number("Strength", low=-np.inf)),
+    }
 
 
 def read_holdout(inputs: NodeInputs) -> Fields:

@@ -2,6 +2,16 @@
 
 Byte images stay bytes, straight from Blender and still encoded; float images are scene linear already. Alpha is
 multiplied in where Cycles does so: never for data, channel-packed images, or where alpha is switched off.
+
+Whether a file's colors are multiplied by alpha is for its Alpha mode to say, as in Blender's manual and in all that
+reads images through Blender: EEVEE, the viewport, and Cycles for packed and generated ones. Cycles reads other files by
+itself, and there goes by their format alone: colors of an OpenEXR file set to Straight, or of a PNG set to
+Premultiplied, are then wrong by the factor alpha.
+
+References
+----------
+Blender, intern/cycles/scene/image_oiio.cpp (image_associate_alpha), blender/image.cpp; source/blender/imbuf/intern/
+readimage.cc (imb_handle_alpha); manual, Editors > Image Editor > Image Settings > Alpha.
 """
 
 from __future__ import annotations
@@ -13,44 +23,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.scene.programs import Image
+from raytracer.textures.image import encode_srgb
 
 from ... import versions
 from ..kept import Kept
 from .color_spaces import find_decoder
+from .image_frames import find_path, open_frame
 from .nodes import Place
 
 Pixels = NDArray[Any]
+# An image's `session_uid`, and the path of its frame, which is empty but for sequences.
+ImageKey = tuple[int, str]
 
 LARGEST_BYTE = 255
 # Numbers that are converted at a time: a large image as a whole would need several times its own memory for what
 # stands between, and to get so much from the system takes longer than to compute it.
 BLOCK = 1 << 18
 UNASSOCIATED_MODES = ("CHANNEL_PACKED", "NONE")
+# A missing image in sRGB, which is decoded after interpolation as any other.
+MAGENTA = Image(np.array([[(1.0, 0.0, 1.0, 1.0)]], dtype=np.float32), "srgb", "missing")
 
 
 class ImageTable:
-    """The scene's images, each read once, and again only if it may have changed since the last extraction."""
+    """The scene's images, each read once, and again only if it may have changed since the last extraction.
 
-    def __init__(self, kept: Kept | None = None) -> None:
-        self._images: dict[int, Image | None] = {}
-        self._kept = kept or Kept()
+    frame : of the scene, for sequences; each frame of one is an image of its own
+    """
+
+    def __init__(self, kept: Kept | None = None, frame: int = 1) -> None:
+        self._images: dict[ImageKey, Image | None] = {}
+        self._kept, self._frame = kept or Kept(), frame
+        self.sequences = 0  # how often one was asked for
         # Those that may be kept: a warning would be lost.
-        self.silent: dict[int, Image | None] = {}
+        self.silent: dict[ImageKey, Image | None] = {}
 
-    def find_image(self, image: Any, node: str, place: Place) -> Image | None:
-        """Return an image as the tracer's, or None, which shows magenta, for one that is missing."""
+    def find_image(self, image: Any, user: Any, node: str, place: Place) -> Image | None:
+        """Return an image as the tracer's, or None, which shows magenta, for none; magenta in its own color space for
+        one whose file is missing.
+
+        user : the ImageUser of the evaluated node that shows it
+        """
         if image is None:
             return None
-        key = image.original.session_uid
+        path = ""
+        if image.source == "SEQUENCE":
+            path, self.sequences = find_path(image, user, self._frame), self.sequences + 1
+        key = image.original.session_uid, path
         if key not in self._images:
             count = len(place.warnings.records)
-            last = self._kept.images.get(key) if self._kept.trusts(key) else None
-            self._images[key] = extract_image(image, place) if last is None else last
+            stays = self._kept.trusts(key[0]) or (self._kept.trusts_files and is_read_from_file(image))
+            last = self._kept.images.get(key) if stays else None
+            self._images[key] = self._read(image, path, place) if last is None else last
             if len(place.warnings.records) == count:
                 self.silent[key] = self._images[key]
-        if self._images[key] is None:
+        found = self._images[key]
+        if found is None:
             place.warn(f"node '{node}': image '{image.name}' is missing, magenta is shown")
-        return self._images[key]
+            return MAGENTA if image.colorspace_settings.name == "sRGB" else None
+        return found
+
+    def _read(self, image: Any, path: str, place: Place) -> Image | None:
+        if not path:
+            return extract_image(image, place)
+        with open_frame(image, path) as frame:
+            return None if frame is None else extract_image(frame, place)
 
 
 def is_associated(image: Any) -> bool:
@@ -60,8 +96,8 @@ def is_associated(image: Any) -> bool:
 
 def extract_image(image: Any, place: Place) -> Image | None:
     """Return an image's pixels, or None where they cannot be read."""
-    if image.source in ("SEQUENCE", "MOVIE"):
-        place.warn(f"image '{image.name}': of its {image.source.lower()}, only the frame that is loaded is used")
+    if image.source == "MOVIE":
+        place.warn(f"image '{image.name}': movies are not supported, only a frame that is loaded is shown")
     if image.source == "TILED" and len(image.tiles) > 1:
         place.warn(f"image '{image.name}': UDIM tiles are not supported, the first is used for all")
     width, height = image.size
@@ -76,7 +112,28 @@ def extract_image(image: Any, place: Place) -> Image | None:
         found[..., 3] = LARGEST_BYTE if found.dtype == np.uint8 else 1.0
     if is_associated(image) and versions.multiplies_alpha(image):
         found = associate(found)
-    return Image(found, "linear", image.name) if image.is_float else decode(found, image, place)
+    if not image.is_float:
+        return decode(found, image, place)
+    if image.colorspace_settings.name == "sRGB" and is_read_from_file(image):
+        return Image(encode(found, is_associated(image)), "srgb", image.name)
+    return Image(found, "linear", image.name)
+
+
+def is_read_from_file(image: Any) -> bool:
+    """True for an image that Cycles reads from its file by itself: neither packed nor generated nor painted on."""
+    return image.source != "GENERATED" and not image.packed_file and not image.is_dirty
+
+
+def encode(pixels: Pixels, associated: bool) -> Pixels:
+    """Turn linear float pixels, in place, into what their sRGB file holds, which Cycles interpolates (16 bits each).
+
+    associated : True where colors are multiplied by alpha, which then the encoded ones are
+    """
+    for rows in list_row_blocks(pixels):
+        block = pixels[rows]
+        alpha = np.where((block[..., 3:] > 0) & associated, block[..., 3:], 1.0).astype(np.float64)
+        block[..., :3] = encode_srgb(block[..., :3] / alpha) * alpha
+    return pixels
 
 
 def drop_infinities(pixels: Pixels) -> Pixels:

@@ -15,36 +15,33 @@ import numpy as np
 import raytracer
 from raytracer.scene.programs import Program, Register, Value
 from raytracer.shading.evaluate import list_attributes, list_steps
-from raytracer.shading.site_tables import TANGENT
+from raytracer.shading.site_tables import TANGENT, UNDEFORMED
 
 from ... import versions
 from ..kept import Kept
 from ..warnings import Warning, WarningList
 from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
-from .nodes import Groups, Place, Source, find_source, identify, read_color, read_links_once
+from .node_settings import DEFAULT_UV
+from .nodes import Groups, Place, Source, find_link, find_source, identify, read_color, read_links_once
 from .programs import ProgramBuilder
 
+# Pixels between the places where Cycles takes the height of a displacement, whatever Bump nodes say.
+FILTER_WIDTH = 0.1
 # Operations that read what is stored for each instance.
 OBJECT_READERS = frozenset(f"OBJECT_INFO {output}" for output in ("Color", "Alpha", "Random"))
 
 
-def read_shader(
-    socket: Any, groups: Groups, weight: Value, builder: ProgramBuilder, constants_only: bool = False
-) -> list[raytracer.Closure]:
+def read_shader(socket: Any, groups: Groups, weight: Value, builder: ProgramBuilder) -> list[raytracer.Closure]:
     """Return the weighted closures that feed a shader socket; none where nothing is linked to it.
 
     A shader that reaches the socket on several ways is read once, with the sum of their weights.
-
-    constants_only : True replaces what would vary by the sockets' own values, with a warning
     """
     with read_links_once():
-        return list(read_closures(FedShader.find(socket, groups), weight, builder, constants_only))
+        return list(read_closures(FedShader.find(socket, groups), weight, builder))
 
 
-def read_closures(
-    root: FedShader, weight: Value, builder: ProgramBuilder, constants_only: bool
-) -> Iterator[raytracer.Closure]:
+def read_closures(root: FedShader, weight: Value, builder: ProgramBuilder) -> Iterator[raytracer.Closure]:
     """Yield the weighted closures of `read_shader`."""
     order = order_shaders(root)
     weights: dict[Any, Value] = {shader.key: weight for shader in order[:1]}
@@ -53,13 +50,12 @@ def read_closures(
         if isinstance(weight, float) and weight == 0:
             continue
         if shader.is_mixed:
-            inputs = NodeInputs(shader.node, shader.source.groups, builder, constants_only)
+            inputs = NodeInputs(shader.node, shader.source.groups, builder)
             for mixed, share in zip(shader.list_mixed(), read_weights(inputs, weight), strict=True):
                 if mixed.exists:
                     weights[mixed.key] = builder.sum(weights[mixed.key], share) if mixed.key in weights else share
-            inputs.report()
         else:
-            yield read_closure(shader, weight, builder, constants_only)
+            yield read_closure(shader, weight, builder)
 
 
 class FedShader(NamedTuple):
@@ -114,15 +110,14 @@ def order_shaders(root: FedShader) -> list[FedShader]:
     return order[::-1]
 
 
-def read_closure(shader: FedShader, weight: Value, builder: ProgramBuilder, constants_only: bool) -> raytracer.Closure:
+def read_closure(shader: FedShader, weight: Value, builder: ProgramBuilder) -> raytracer.Closure:
     """Return the closure of a shader that mixes no others."""
     if shader.source.socket.type != "SHADER":  # a color on a shader socket: Cycles lets it emit
         color = builder.value_of(shader.socket, shader.groups, "color")
         color = color if isinstance(color, Register) else read_color(color)
         return raytracer.Closure("emission", color=color, weight=weight)
-    inputs = NodeInputs(shader.node, shader.source.groups, builder, constants_only)
+    inputs = NodeInputs(shader.node, shader.source.groups, builder)
     fields = CLOSURE_READERS.get(shader.node.type, read_stand_in)(inputs)
-    inputs.report()
     warn_unsupported(inputs)
     return raytracer.Closure(weight=weight, **fields)
 
@@ -136,13 +131,17 @@ def read_weights(inputs: NodeInputs, weight: Value) -> tuple[Value, Value]:
     return builder.multiply(weight, builder.complement(share)), builder.multiply(weight, share)
 
 
-def read_constant_emission(socket: Any, place: Place) -> np.ndarray | None:
-    """Return the constant radiance (3,) that feeds the output of a light or a world; None where nothing does."""
-    closures = read_shader(socket, (), 1.0, ProgramBuilder(place, ImageTable()), constants_only=True)
-    if not closures:
+def read_shine(socket: Any, builder: ProgramBuilder) -> Value | None:
+    """Return all that shines of what feeds the output of a light or a world, as one color; None where nothing does."""
+    closures = read_shader(socket, (), 1.0, builder)
+    shining = [builder.scale(closure.color, closure.weight) for closure in closures if closure.kind == "emission"]
+    if not shining:
         return None
-    shining = [closure.weight * closure.color for closure in closures if closure.kind == "emission"]
-    return np.sum(shining, axis=0) if shining else np.zeros(3)
+    total = shining[0]
+    for color in shining[1:]:
+        inputs = (total, color, np.zeros(3), 1.0)
+        total = builder.add("VECT_MATH Vector", inputs, {"operation": "ADD"})["Vector"]
+    return total
 
 
 def extract_material(material: Any, object_name: str, images: ImageTable, warnings: WarningList) -> raytracer.Material:
@@ -156,19 +155,48 @@ def extract_material(material: Any, object_name: str, images: ImageTable, warnin
         closures = [raytracer.Closure("diffuse", color=read_color(material.diffuse_color))]
     else:
         closures = read_output(versions.find_output_node(node_tree), builder)
-    program = find_program(closures, builder)
+    normal = None if node_tree is None else read_displacement(material, node_tree, builder)
     return raytracer.Material(
         closures,
         pass_index=material.pass_index,
         name=material.name,
-        program=program,
+        program=find_program(closures, normal, builder),
         transparent_shadow=material.use_transparent_shadow,
+        normal=normal,
     )
 
 
-def find_program(closures: Sequence[raytracer.Closure], builder: ProgramBuilder) -> Program | None:
-    """Return the program that closures read, or None where all are constant."""
-    return Program(builder.steps) if any(closure.registers for closure in closures) else None
+def find_program(
+    closures: Sequence[raytracer.Closure], normal: Register | None, builder: ProgramBuilder
+) -> Program | None:
+    """Return the program that closures and the normal read, or None where all are constant."""
+    is_read = normal is not None or any(closure.registers for closure in closures)
+    return Program(builder.steps) if is_read else None
+
+
+def read_displacement(material: Any, node_tree: Any, builder: ProgramBuilder) -> Register | None:
+    """Return the normal of a surface that a displacement bends as a bump, or None where nothing displaces it.
+
+    As in Cycles (scene/shader_graph.cpp, bump_from_displacement) the height is the part of the displacement along the
+    normal, its slope that over a tenth of a pixel. Where geometry should move, the bump stands in for it.
+    """
+    output = versions.find_output_node(node_tree)
+    socket = None if output is None else output.inputs["Displacement"]
+    if socket is None or find_link(socket) is None:
+        return None
+    inner = ProgramBuilder(builder.place, builder.images, builder.pass_index, builder)
+    moved = inner.value_of(socket, (), "vector")
+    if not isinstance(moved, Register):
+        return None
+    if material.displacement_method != "BUMP":
+        builder.place.warn("displacement moves no geometry, it is shown as a bump")
+    normal = inner.add("NEW_GEOMETRY Normal", ())["Normal"]
+    height = inner.add("VECT_MATH Value", (moved, normal), {"operation": "DOT_PRODUCT"})["Value"]
+    inputs = (1.0, 1.0, FILTER_WIDTH, builder.add("NEW_GEOMETRY Normal", ())["Normal"])
+    settings = {"height": Program(inner.steps, height), "invert": False}
+    bent = builder.add("BUMP", inputs, settings)["Normal"]
+    assert isinstance(bent, Register)
+    return bent
 
 
 def read_output(output: Any, builder: ProgramBuilder) -> list[raytracer.Closure]:
@@ -177,10 +205,9 @@ def read_output(output: Any, builder: ProgramBuilder) -> list[raytracer.Closure]
     if output is None:
         place.warn("no output node, the surface is black")
         return []
-    surface, volume, displacement = output.inputs["Surface"], output.inputs["Volume"], output.inputs["Displacement"]
-    for socket in (volume, displacement):
-        if socket.is_linked:
-            place.warn(f"{socket.name} is not supported, left out")
+    surface, volume = output.inputs["Surface"], output.inputs["Volume"]
+    if volume.is_linked:
+        place.warn(f"{volume.name} is not supported, left out")
     if volume.is_linked and not surface.is_linked:
         return [raytracer.Closure("transparent", color=1.0)]
     closures = read_shader(surface, (), 1.0, builder)
@@ -197,6 +224,7 @@ class MaterialEntry:
     object_name : where it was met first, which its warnings say
     attributes : names of those of meshes that it reads
     warnings : what could not be honoured
+    moves : True where it shows an image sequence, so that it changes with the frame though nothing announces it
     """
 
     identity: int
@@ -204,16 +232,17 @@ class MaterialEntry:
     record: raytracer.Material
     attributes: frozenset[str]
     warnings: tuple[Warning, ...]
+    moves: bool = False
 
 
 class MaterialTable:
     """The scene's materials, each extracted once, numbered in the order they are met."""
 
-    def __init__(self, warnings: WarningList, kept: Kept | None = None) -> None:
+    def __init__(self, warnings: WarningList, kept: Kept | None = None, frame: int = 1) -> None:
         self.entries: list[MaterialEntry] = []
         self._indices: dict[int, int] = {}
         self._warnings, self._kept = warnings, kept or Kept()
-        self.images = ImageTable(self._kept)
+        self.images = ImageTable(self._kept, frame)
 
     @property
     def records(self) -> list[raytracer.Material]:
@@ -241,13 +270,14 @@ class MaterialTable:
         return self._indices[identity]
 
     def _read(self, material: Any, identity: int, object_name: str) -> MaterialEntry:
-        own = WarningList()
+        own, sequences = WarningList(), self.images.sequences
         if material is None:
             record = raytracer.Material((raytracer.Closure(versions.default_shader(), color=GREY),), name="default")
         else:
             record = extract_material(material, object_name, self.images, own)
         attributes = list_attributes(record.program) if record.program else ()
-        return MaterialEntry(identity, object_name, record, frozenset(attributes), own.records)
+        moves = self.images.sequences > sequences
+        return MaterialEntry(identity, object_name, record, frozenset(attributes), own.records, moves)
 
     def _add(self, entry: MaterialEntry) -> None:
         self._indices[entry.identity] = len(self.entries)
@@ -259,9 +289,10 @@ class MaterialTable:
         return self.entries[index].identity
 
     def list_attributes(self, indices: Sequence[int]) -> set[str]:
-        """Return the names of the mesh attributes that some of the materials read."""
+        """Return the names of the mesh attributes that some of the materials read, or that tangents are made of."""
         names = set[str]().union(*(self.entries[index].attributes for index in indices))
-        return {name.removeprefix(TANGENT) for name in names}
+        stand_in = {UNDEFORMED} if TANGENT + DEFAULT_UV in names else set()
+        return {name.removeprefix(TANGENT) for name in names} | stand_in
 
     @property
     def read_object_info(self) -> bool:

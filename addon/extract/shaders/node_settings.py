@@ -17,10 +17,10 @@ from raytracer.shading.nodes.ramps import TABLE_SIZE
 from ... import versions
 from .images import ImageTable, is_associated
 from .nodes import Groups, Place, find_link, find_socket
-from .skies import read_sky_settings
+from .skies import read_daylight_settings, read_sky_settings
 
 # The attributes that Blender's nodes read without naming them.
-DEFAULT_UV, DEFAULT_COLOR, GENERATED = "uv", "vertex_color", "generated"
+DEFAULT_UV, DEFAULT_COLOR, GENERATED, ISLAND = "uv", "vertex_color", "generated", "random per island"
 
 Settings = dict[str, Any]
 
@@ -47,9 +47,17 @@ def read_settings(builder: Builder, node: Any, name: str, groups: Groups, output
     return {setting: getattr(node, setting) for setting in OPERATIONS[name].settings}
 
 
-def is_left_out(node: Any) -> bool:
-    """True for a Bump node without height: it hands its normal on."""
-    return node.type == "BUMP" and find_link(find_socket(node.inputs, "Height")) is None
+def find_passed(node: Any, output: str) -> str | None:
+    """Return the input that a node hands on as it is, or None for one that computes.
+
+    A Bump without height hands on its normal, a quadratic Light Falloff that is not smoothed its strength.
+    """
+    if node.type == "BUMP" and find_link(find_socket(node.inputs, "Height")) is None:
+        return "Normal"
+    if node.type == "LIGHT_FALLOFF" and output == "Quadratic":
+        smooth = find_socket(node.inputs, "Smooth")
+        return "Strength" if find_link(smooth) is None and smooth.default_value <= 0 else None
+    return None
 
 
 def read_attribute_name(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
@@ -82,7 +90,7 @@ def read_object(builder: Builder, node: Any, groups: Groups, output: str) -> Set
 def read_image_settings(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Image Texture: the image, and how it is read."""
     return {
-        "image": builder.images.find_image(node.image, node.name, builder.place),
+        "image": builder.images.find_image(node.image, node.image_user, node.name, builder.place),
         "interpolation": node.interpolation,
         "extension": node.extension,
         "projection": node.projection,
@@ -95,7 +103,7 @@ def read_image_settings(builder: Builder, node: Any, groups: Groups, output: str
 def read_environment_settings(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Environment Texture: the image, and how it is wrapped round the world."""
     return {
-        "image": builder.images.find_image(node.image, node.name, builder.place),
+        "image": builder.images.find_image(node.image, node.image_user, node.name, builder.place),
         "interpolation": node.interpolation,
         "projection": node.projection,
     }
@@ -174,6 +182,11 @@ READERS: dict[str, Reader] = {
     "TEX_IMAGE": read_image_settings,
     "TEX_ENVIRONMENT": read_environment_settings,
     "TEX_SKY": lambda builder, node, groups, output: read_sky_settings(node),
+    "TEX_SKY PREETHAM": lambda builder, node, groups, output: read_daylight_settings(node),
+    "TEX_SKY HOSEK_WILKIE": lambda builder, node, groups, output: {
+        **read_daylight_settings(node),
+        "ground_albedo": node.ground_albedo,
+    },
     "VALTORGB": read_ramp,
     **{f"CURVE_{kind}": read_curves for kind in ("RGB", "VEC", "FLOAT")},
     "NORMAL_MAP": read_normal_map,
@@ -183,6 +196,8 @@ READERS: dict[str, Reader] = {
     "TANGENT UV_MAP": lambda builder, node, groups, output: {"name": node.uv_map or DEFAULT_UV},
     "TANGENT RADIAL": lambda builder, node, groups, output: {"axis": node.axis, "name": GENERATED},
     "OBJECT_INFO Material Index": read_material_index,
+    "NEW_GEOMETRY Random Per Island": lambda builder, node, groups, output: {"name": ISLAND},
     "AMBIENT_OCCLUSION": read_occlusion,
+    "VECTOR_DISPLACEMENT": lambda builder, node, groups, output: {"space": node.space, "name": DEFAULT_UV},
     "TEX_VORONOI": read_voronoi,
 }

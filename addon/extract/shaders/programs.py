@@ -15,7 +15,7 @@ from raytracer.scene.programs import Program, Register, Step, Value
 from raytracer.shading.evaluate import OPERATIONS, fold_step, make_constant
 
 from .images import ImageTable
-from .node_settings import is_left_out, read_settings
+from .node_settings import find_passed, read_settings
 from .nodes import Groups, Place, find_link, find_socket, identify, pass_through, read_number
 from .skies import SKY_TYPES
 
@@ -175,8 +175,9 @@ class ProgramBuilder:
         """Add a node's step and return its outputs."""
         operation = OPERATIONS[name]
         inputs = tuple(self._read_input(node, name, identifier, groups) for identifier in operation.inputs)
-        if is_left_out(node):
-            return {operation.outputs[0]: inputs[-1]}
+        passed = find_passed(node, output)
+        if passed is not None:
+            return {operation.outputs[0]: inputs[operation.inputs.index(passed)]}
         return self.add(name, inputs, read_settings(self, node, name, groups, output))
 
     def _read_input(self, node: Any, name: str, identifier: str, groups: Groups) -> Value:
@@ -274,10 +275,14 @@ ALIASES = {
 RESOLVED: dict[str, dict[str, tuple[str, ...]]] = {"TEX_SKY": {"sky_type": SKY_TYPES}}
 
 
+# Nodes that are several, by the property that chooses between them.
+VARIANTS = {"TANGENT": "direction_type", "TEX_SKY": "sky_type"}
+
+
 def find_operation(node: Any, output: str) -> str | None:
     """Return the name of the tracer's operation for an output of a node, or None."""
-    variant = node.direction_type if node.type == "TANGENT" else output
-    name = f"{node.type} {variant}"
+    chosen = VARIANTS.get(node.type)
+    name = f"{node.type} {getattr(node, chosen) if chosen else output}"
     found = next((name for name in (ALIASES.get(name, name), node.type) if name in OPERATIONS), None)
     if found is None:
         return None

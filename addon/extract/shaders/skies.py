@@ -1,7 +1,4 @@
-"""Sky Texture: the table of the sky, and the sun in it.
-
-Preetham's and Hosek and Wilkie's models are not here: those skies keep the socket's own color, with a warning.
-"""
+"""Sky Texture: the table of the sky and the sun in it, or what the daylight of older files depends on."""
 
 from __future__ import annotations
 
@@ -44,6 +41,17 @@ def read_sky_settings(node: Any) -> dict[str, Any]:
         "sun_top": top * node.sun_intensity,
         "horizon": math.asin(EARTH_RADIUS / (EARTH_RADIUS + node.altitude)) - math.pi / 2,
         "ground": not half,
+    }
+
+
+def read_daylight_settings(node: Any) -> dict[str, Any]:
+    """Return what the skies of Preetham and of Hosek and Wilkie share."""
+    sun = np.array(node.sun_direction, dtype=np.float64)
+    length = np.linalg.norm(sun)
+    return {
+        "sun": sun / length if length > 0 else np.array((0.0, 0.0, 1.0)),
+        "turbidity": node.turbidity,
+        "rgb_from_xyz": versions.find_rgb_from_xyz(),
     }
 
 

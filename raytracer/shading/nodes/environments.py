@@ -15,9 +15,10 @@ from raytracer.arrays.vectors import normalize
 from raytracer.lecture import length
 from raytracer.sampling.direction_map import find_equirectangular
 from raytracer.scene.programs import Image
-from raytracer.shading.nodes.images import MAGENTA
+from raytracer.shading.nodes.images import MISSING_IMAGE
 from raytracer.shading.nodes.operation import Array, Operation, spread
 from raytracer.shading.site import Site
+from raytracer.textures.daylight import evaluate_hosek_wilkie, evaluate_preetham
 from raytracer.textures.image import sample_image
 from raytracer.textures.sky import fade_below
 
@@ -35,11 +36,10 @@ PROJECTIONS = {"EQUIRECTANGULAR": find_equirectangular, "MIRROR_BALL": find_mirr
 
 def read_environment(site: Site, vector: Any, *, image: Image | None, interpolation: str, projection: str) -> Array:
     """The color of an image in the direction of `vector`; None is a missing one."""
-    if image is None:
-        return MAGENTA[:3]
     directions = normalize(np.broadcast_to(np.asarray(vector, float), (len(site), 3)))
     u, v = PROJECTIONS[projection](directions)
-    return sample_image(image, np.stack([u, v], axis=1), interpolation, "REPEAT")[:, :3]
+    shown = MISSING_IMAGE if image is None else image
+    return sample_image(shown, np.stack([u, v], axis=1), interpolation, "REPEAT")[:, :3]
 
 
 LIMB_DARKENING = 0.6
@@ -86,14 +86,41 @@ def read_sky(
     return np.maximum(shown, 0.0)
 
 
+def read_preetham(site: Site, vector: Any, *, sun: Array, turbidity: float, rgb_from_xyz: Array) -> Array:
+    """Preetham's sky; colors that no mixture of red, green and blue is are cut. sun : (3,) unit."""
+    directions = np.broadcast_to(np.asarray(vector, float), (len(site), 3))
+    return np.maximum(evaluate_preetham(directions, sun, turbidity) @ rgb_from_xyz.T, 0.0)
+
+
+def read_hosek_wilkie(
+    site: Site, vector: Any, *, sun: Array, turbidity: float, ground_albedo: float, rgb_from_xyz: Array
+) -> Array:
+    """Hosek and Wilkie's sky, as `read_preetham`."""
+    directions = np.broadcast_to(np.asarray(vector, float), (len(site), 3))
+    return np.maximum(evaluate_hosek_wilkie(directions, sun, turbidity, ground_albedo) @ rgb_from_xyz.T, 0.0)
+
+
+_GENERATED = {"Vector": "ATTRIBUTE Vector generated"}
+
 OPERATIONS = {
+    "TEX_SKY PREETHAM": Operation(
+        read_preetham, ("Vector",), ("Color",), ("sun", "turbidity", "rgb_from_xyz"), reads_site=True, links=_GENERATED
+    ),
+    "TEX_SKY HOSEK_WILKIE": Operation(
+        read_hosek_wilkie,
+        ("Vector",),
+        ("Color",),
+        ("sun", "turbidity", "ground_albedo", "rgb_from_xyz"),
+        reads_site=True,
+        links=_GENERATED,
+    ),
     "TEX_SKY": Operation(
         read_sky,
         ("Vector",),
         ("Color",),
         ("image", "elevation", "rotation", "sun_size", "sun_bottom", "sun_top", "horizon", "ground"),
         reads_site=True,
-        links={"Vector": "ATTRIBUTE Vector generated"},
+        links=_GENERATED,
     ),
     "TEX_ENVIRONMENT": Operation(
         read_environment,

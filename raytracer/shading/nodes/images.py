@@ -14,17 +14,10 @@ import numpy as np
 from raytracer.scene.programs import Image
 from raytracer.shading.nodes.operation import Array, Operation, divide, saturate, spread
 from raytracer.shading.site import Site
-from raytracer.textures.image import sample_image
+from raytracer.textures.image import map_sphere, sample_image
 
-MAGENTA = np.array([1.0, 0.0, 1.0, 1.0])  # what a missing image shows
-
-
-def _map_sphere(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-    """Longitude and latitude of points around the origin."""
-    radius = np.sqrt(x * x + y * y + z * z)
-    u = np.where((x == 0) & (y == 0), 0.0, (1.0 - np.arctan2(x, y) / np.pi) / 2.0)
-    v = 1.0 - np.arccos(np.clip(divide(z, radius), -1.0, 1.0)) / np.pi
-    return u, np.where(radius > 0, v, 0.0)
+# What stands for a missing image: one magenta pixel, read as any other, so that it fades where images are clipped.
+MISSING_IMAGE = Image(np.array([[(1.0, 0.0, 1.0, 1.0)]], dtype=np.float32), name="missing")
 
 
 def _map_tube(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
@@ -34,7 +27,7 @@ def _map_tube(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
     return np.where(away > 0, u, 0.0), np.where(away > 0, (z + 1.0) / 2.0, 0.0)
 
 
-PROJECTIONS = {"SPHERE": _map_sphere, "TUBE": _map_tube}
+PROJECTIONS = {"SPHERE": map_sphere, "TUBE": _map_tube}
 
 
 def read_texture(
@@ -49,12 +42,10 @@ def read_texture(
     unassociate: bool,
 ) -> tuple[Array, Array]:
     """Color and alpha of an image; None is a missing one."""
-    count = len(site)
-    if image is None:
-        return MAGENTA[:3], MAGENTA[3]
+    count, shown = len(site), MISSING_IMAGE if image is None else image
 
     def read(u: Array, v: Array) -> Array:
-        return sample_image(image, np.stack([u, v], axis=1), interpolation, extension, unassociate)
+        return sample_image(shown, np.stack([u, v], axis=1), interpolation, extension, unassociate)
 
     x, y, z = np.broadcast_to(np.asarray(vector, float), (count, 3)).T
     if projection == "BOX":

@@ -15,8 +15,8 @@ import numpy as np
 from raytracer.arrays.vectors import normalize, reflect
 from raytracer.bsdfs.fresnel import dielectric_reflectance
 from raytracer.lecture import dot, length
-from raytracer.shading.nodes.operation import Array, Operation, spread
-from raytracer.shading.site import Site
+from raytracer.shading.nodes.operation import Array, Operation, divide, spread
+from raytracer.shading.site import FARTHEST, Site
 
 SMALLEST_IOR = 1e-5  # as in Cycles
 
@@ -107,6 +107,22 @@ def occlude(
     return color * spread(open_), open_
 
 
+def fall_off(power: int) -> Callable[..., Array]:
+    """Return the function for a strength times t^power, t the way to the light, which falls with t^2 by itself.
+
+    t^2 / (s + t^2) of that is left where it is smoothed by s, so that what is near does not burn out. From a sun, which
+    is infinitely far, all of the strength arrives.
+    """
+
+    def weaken(site: Site, strength: Any, smooth: Any) -> Array:
+        distance = site.read_path("length")
+        square = distance * distance
+        kept = np.where(np.asarray(smooth) > 0, divide(square, smooth + square), 1.0)
+        return strength * np.where(distance < FARTHEST, distance**power * kept, 1.0)
+
+    return weaken
+
+
 def _attribute(compute: Callable[..., Any], output: str) -> Operation:
     return Operation(compute, (), (output,), ("name",), reads_site=True, attributes=name_of)
 
@@ -156,6 +172,7 @@ OPERATIONS = {
     "NEW_GEOMETRY Incoming": _read(lambda site: site.outgoing, "Incoming"),
     "NEW_GEOMETRY Parametric": _read(lambda site: site.parametric, "Parametric"),
     "NEW_GEOMETRY Backfacing": _read(lambda site: (~site.front).astype(np.float64), "Backfacing"),
+    "NEW_GEOMETRY Random Per Island": _attribute(read_factor, "Random Per Island"),
     "OBJECT_INFO Location": _read(lambda site: site.object_location, "Location"),
     "OBJECT_INFO Color": _read(lambda site: site.object_color[:, :3], "Color"),
     "OBJECT_INFO Alpha": _read(lambda site: site.object_color[:, 3], "Alpha"),
@@ -180,5 +197,9 @@ OPERATIONS = {
         reads_site=True,
         links=_NORMAL,
     ),
+    **{
+        f"LIGHT_FALLOFF {output}": Operation(fall_off(power), ("Strength", "Smooth"), (output,), reads_site=True)
+        for output, power in (("Quadratic", 0), ("Linear", 1), ("Constant", 2))
+    },
     "LAYER_WEIGHT Facing": Operation(read_facing, ("Blend", "Normal"), ("Facing",), reads_site=True, links=_NORMAL),
 }

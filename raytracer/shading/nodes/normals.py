@@ -1,4 +1,4 @@
-"""Normals that textures bend: Normal Map and Bump; and Tangent.
+"""Normals that textures bend: Normal Map, Bump and Displacement; and Tangent.
 
 References
 ----------
@@ -86,6 +86,28 @@ def bump(
     return np.where((raised != 0).any(axis=1, keepdims=True), blended, normal)
 
 
+def displace(site: Site, height: Any, midlevel: Any, scale: Any, normal: Any, *, space: str) -> Array:
+    """The way that a height moves the surface along a normal, in the size of the object or of the world."""
+    count = len(site)
+    normal = np.broadcast_to(np.asarray(normal, float), (count, 3))
+    reach = spread(np.broadcast_to((np.asarray(height) - midlevel) * scale, (count,)))
+    if space == "WORLD":
+        return reach * normal
+    return site.to_world(reach * site.normal_to_object(normal), "OBJECT", "VECTOR")
+
+
+def displace_freely(site: Site, vector: Any, midlevel: Any, scale: Any, *, space: str, name: str) -> Array:
+    """The way that a vector moves the surface: in tangent space x runs along u, y along the normal, z along v."""
+    count = len(site)
+    moved = np.broadcast_to((np.asarray(vector, float) - spread(midlevel)) * spread(scale), (count, 3))
+    if space == "TANGENT":
+        tangent, sign = site.read_tangent(name)
+        normal = site.normal_to_object(site.normal)
+        bitangent = spread(sign) * normalize(cross(normal, tangent))
+        moved = moved[:, 0:1] * tangent + moved[:, 1:2] * normal + moved[:, 2:3] * bitangent
+    return moved if space == "WORLD" else site.to_world(moved, "OBJECT", "VECTOR")
+
+
 def _pixel_axes(site: Site) -> tuple[Array, Array]:
     """Two vectors (n, 3) of a pixel's size at right angles in the flat surface, those of Cycles (make_orthonormals)."""
     x, y, z = site.geometric_normal.T
@@ -142,6 +164,22 @@ OPERATIONS = {
         reads_site=True,
         runs_programs=True,
         links=_NORMAL,
+    ),
+    "DISPLACEMENT": Operation(
+        displace,
+        ("Height", "Midlevel", "Scale", "Normal"),
+        ("Displacement",),
+        ("space",),
+        reads_site=True,
+        links=_NORMAL,
+    ),
+    "VECTOR_DISPLACEMENT": Operation(
+        displace_freely,
+        ("Vector", "Midlevel", "Scale"),
+        ("Displacement",),
+        ("space", "name"),
+        reads_site=True,
+        attributes=lambda settings: name_of_map(settings) if settings["space"] == "TANGENT" else (),
     ),
     "TANGENT UV_MAP": Operation(
         read_tangent_of_map, (), ("Tangent",), ("name",), reads_site=True, attributes=name_of_map

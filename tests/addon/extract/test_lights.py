@@ -121,7 +121,6 @@ def test_dark_lights_and_portals_are_left_out(add_light: Callable[..., Any]) -> 
 @pytest.mark.parametrize(
     ("kind", "fields", "scale", "words"),
     [
-        ("POINT", {"energy": -1}, 1, "negative"),
         ("AREA", {"energy": 1, "size": 0}, 1, "without area"),
         ("SUN", {"energy": 1}, 0, "scaled to zero"),
         ("SPOT", {"energy": 1}, 0, "scaled to zero"),
@@ -138,6 +137,15 @@ def test_light_that_cannot_be_is_named(
     assert words in warning.text
 
 
+@pytest.mark.parametrize("kind", ["POINT", "SUN", "SPOT", "AREA"])
+def test_light_below_0_takes_light_away(add_light: Callable[..., Any], kind: str) -> None:
+    add_light(kind, energy=-2.0)
+    extraction = extract()
+    (light,) = extraction.scene.lights
+    assert (getattr(light, "strength" if kind == "SUN" else "power") < 0).all()
+    assert not extraction.warnings
+
+
 def test_light_is_hidden_from_some_rays(add_light: Callable[..., Any]) -> None:
     light = add_light("POINT", energy=1)
     assert extract_light().seen_by == SEEN_BY_ALL - SEEN_BY["camera"]
@@ -152,6 +160,52 @@ def test_nodes_of_a_light_scale_it(add_light: Callable[..., Any]) -> None:
     emission = next(node for node in data.node_tree.nodes if node.type == "EMISSION")
     emission.inputs["Color"].default_value, emission.inputs["Strength"].default_value = (1, 0.5, 0.25, 1), 2
     assert_array_equal(extract_light().power, (16, 8, 4))
+
+
+def find_nodes(data: Any) -> tuple[Any, Any]:
+    """Return the nodes of a light, and the one that shines."""
+    if versions.VERSION < (5, 1):
+        data.use_nodes = True
+    return data.node_tree, next(node for node in data.node_tree.nodes if node.type == "EMISSION")
+
+
+def test_quadratic_falloff_that_is_not_smoothed_is_a_constant(add_light: Callable[..., Any]) -> None:
+    tree, emission = find_nodes(add_light("POINT", energy=2).data)
+    falloff = tree.nodes.new("ShaderNodeLightFalloff")
+    falloff.inputs["Strength"].default_value = 100
+    tree.links.new(falloff.outputs["Quadratic"], emission.inputs["Strength"])
+    light = extract_light()
+    assert_array_equal(light.power, (200, 200, 200))
+    assert light.nodes is None
+    falloff.inputs["Smooth"].default_value = 1
+    light = extract_light()
+    assert_array_equal(light.power, (2, 2, 2))
+    assert [step.operation for step in light.nodes.program.steps][:1] == ["LIGHT_FALLOFF Quadratic"]
+
+
+def test_nodes_that_vary_become_a_program_that_knows_the_object(add_light: Callable[..., Any]) -> None:
+    shown = add_light("SPOT", Matrix.Translation((1, 2, 3)), energy=2)
+    shown.color, shown.pass_index = (0.1, 0.2, 0.3, 0.4), 5
+    tree, emission = find_nodes(shown.data)
+    texture, place = tree.nodes.new("ShaderNodeTexImage"), tree.nodes.new("ShaderNodeTexCoord")
+    texture.image = bpy.data.images.new("Gobo", 2, 2)
+    tree.links.new(place.outputs["Normal"], texture.inputs["Vector"])
+    tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
+    extraction = extract()
+    (light,) = extraction.scene.lights
+    assert not extraction.warnings
+    assert "TEX_IMAGE" in {step.operation for step in light.nodes.program.steps}
+    placed = light.nodes.placed
+    assert_array_equal(placed.world_from_object[0, :3, 3], (1, 2, 3))
+    assert_array_equal(placed.pass_index, [5])
+    assert_allclose(placed.color, [(0.1, 0.2, 0.3, 0.4)], rtol=1e-6)
+    assert 0.0 < placed.random[0] < 1.0
+
+
+def test_shaders_of_a_light_that_do_not_shine_give_nothing(add_light: Callable[..., Any]) -> None:
+    _, emission = find_nodes(add_light("POINT", energy=2).data)
+    emission.mute = True
+    assert extract().scene.lights == ()
 
 
 @pytest.fixture
@@ -240,17 +294,21 @@ def test_scene_without_camera_is_refused_by_name(empty_scene: Any) -> None:
         extract()
 
 
-def test_camera_scaled_to_zero_is_refused_by_name(scene_with_camera: Any) -> None:
-    scene_with_camera.camera.scale = (1, 0, 1)
-    with pytest.raises(ValueError, match="Camera 'Camera' has a scale of"):
+@pytest.mark.parametrize("scale", [(0, 2, 2), (1, 0, 1), (1, 1, 0), (0, 0, 0)])
+def test_camera_scaled_to_zero_is_named_with_what_to_do(scene_with_camera: Any, scale: tuple[float, ...]) -> None:
+    """Cycles renders what is behind all objects then, and nothing else."""
+    scene_with_camera.camera.scale = scale
+    says = rf"Camera 'Camera' has a scale of \({', '.join(map(str, scale))}\) and sees nothing so: set the scale"
+    with pytest.raises(ValueError, match=says):
         extract()
 
 
-def test_limit_of_bounces_of_a_light_is_named(add_light: Callable[..., Any], scene_with_camera: Any) -> None:
+def test_limit_of_bounces_of_a_light_is_read(add_light: Callable[..., Any], scene_with_camera: Any) -> None:
     add_light("POINT", energy=1)
     add_light("POINT", energy=1).data.cycles.max_bounces = 3
-    (warning,) = extract().warnings
-    assert "limit of 3 bounces" in warning.text
+    extraction = extract()
+    assert [light.max_bounces for light in extraction.scene.lights] == [None, 3]
+    assert not extraction.warnings
 
 
 def test_light_with_linked_shadows_is_named(add_light: Callable[..., Any], scene_with_camera: Any) -> None:

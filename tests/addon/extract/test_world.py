@@ -58,14 +58,13 @@ def test_world_is_seen_by_the_rays_that_its_visibility_names(world_tree: Any) ->
         setattr(bpy.context.scene.world.cycles_visibility, name, True)
 
 
-def test_sky_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
+def test_node_that_is_not_supported_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
     background = add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
-    sky = world_tree.nodes.new("ShaderNodeTexSky")
-    sky.sky_type = "PREETHAM"
-    world_tree.links.new(sky.outputs[0], background.inputs["Color"])
+    profile = world_tree.nodes.new("ShaderNodeTexIES")
+    world_tree.links.new(profile.outputs[0], background.inputs["Color"])
     assert_array_equal(extract().scene.world.color, (0.25, 0.5, 1))
     (text,) = texts()
-    assert text.startswith("world 'World': node 'Sky Texture'")
+    assert text.startswith("world 'World': node 'IES Texture'")
 
 
 @pytest.mark.skipif(versions.VERSION >= (5, 0), reason="worlds always have nodes since Blender 5.0")

@@ -253,6 +253,10 @@ def test_override_panel_draws_what_this_blender_has(empty_scene: Any, registered
     assert names == ["material_override", "world_override"][: 1 + has_world]
 
 
+def test_filter_panel_draws_what_the_engine_heeds(empty_scene: Any, registered: None) -> None:
+    assert draw(view_layer.RAYTRACER_VIEWLAYER_PT_filter).names == ["use_sky", "use_solid"]
+
+
 def find_presets() -> dict[str, str]:
     from pathlib import Path
 

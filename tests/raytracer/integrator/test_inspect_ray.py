@@ -184,7 +184,8 @@ def test_emissive_object_and_world_are_sources_by_name():
 
 def test_world_that_varies_is_a_source_for_each_way_in_which_it_is_sampled():
     """From directions d comes max(d, 0): both samples of a floor that faces up end in the world."""
-    world = World(Register(0, "Position"), Program((Step("NEW_GEOMETRY Position"),)))
+    cut = Step("VECT_MATH Vector", (Register(0, "Position"), np.zeros(3), np.zeros(3), 1.0), {"operation": "MAXIMUM"})
+    world = World(Register(1, "Vector"), Program((Step("NEW_GEOMETRY Position"), cut)))
     scene = make_scene(make_floor(), world=world, lights=[PointLight((0, 0, 4), 10.0)])
     (ray,) = look_at(scene).inspect_ray([0.0, 0.0, 1.0], [0.0, 0.0, -1.0])
     assert [shadow.source for shadow in ray.shadows] == [0, WORLD, WORLD]

@@ -1,5 +1,7 @@
 """The world as a source of light, against closed forms: even, uneven, and all in one pixel."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -178,10 +180,14 @@ def test_rays_of_the_camera_may_see_another_world():
     np.testing.assert_array_equal(evaluate_environment(environment, directions), np.zeros((2, 3)))
 
 
-def test_negative_and_undefined_radiance_is_black():
-    steps = (DIRECTION,)
-    environment = make_environment(World(Register(0, "Position"), Program(steps)), None, FRAME)
-    np.testing.assert_array_equal(evaluate_environment(environment, -UP[np.newaxis]), [[0, 0, 0]])
+def test_negative_radiance_takes_light_away_and_undefined_is_black():
+    environment = make_environment(World(Register(0, "Position"), Program((DIRECTION,))), None, FRAME)
+    np.testing.assert_array_equal(evaluate_environment(environment, -UP[np.newaxis]), -UP[np.newaxis])
+    overflow = Step("VECT_MATH Vector", (Register(0, "Position"), np.full(3, 1e308), np.zeros(3), 1e308))
+    twice = [dataclasses.replace(overflow, settings={"operation": "SCALE"}) for _ in range(2)]
+    twice[1] = dataclasses.replace(twice[1], inputs=(Register(1, "Vector"), *twice[1].inputs[1:]))
+    environment = make_environment(World(Register(2, "Vector"), Program((DIRECTION, *twice))), None, FRAME)
+    np.testing.assert_array_equal(evaluate_environment(environment, UP[np.newaxis]), [[0, 0, 0]])
 
 
 def test_plane_under_a_gradient():

@@ -127,8 +127,8 @@ def make_full_scene():
             r"Closure 'glass': ior: expected numbers from 4.94066e-324 to 3.40282e\+38, got 0",
         ),
         (
-            lambda: PointLight((0, 0, 0), -1, name="Lamp"),
-            r"PointLight 'Lamp': power: expected numbers from 0 to 3.40282e\+38, got -1",
+            lambda: PointLight((0, 0, 0), 1, radius=-1, name="Lamp"),
+            r"PointLight 'Lamp': radius: expected numbers from 0 to 3.40282e\+38, got -1",
         ),
         (
             lambda: PointLight((0, 0, NAN), 1, name="Lamp"),
@@ -176,7 +176,7 @@ def make_full_scene():
             lambda: Program([Step("VALUE"), Step("MATH", [Register(0.5, "Value")])]),
             r"Program: step 1 \(MATH\): expected a register of one of the 1 steps before it, got Register.*",
         ),
-        (lambda: World(1e39), r"World: color: expected numbers from 0 to 3.40282e\+38, got 1e\+39"),
+        (lambda: World(1e39), r"World: color: expected numbers from -3.40282e\+38 to 3.40282e\+38, got 1e\+39"),
         (lambda: Closure("principled", emission=np.inf), r"Closure 'principled': emission: expected finite numbers.*"),
         (lambda: PointLight((0, 0, 0), 1, radius=1e300), r"PointLight '': radius: expected numbers .*, got 1e\+300"),
         (lambda: Image(np.full((1, 1, 4), np.inf, np.float32)), r"Image '': pixels: expected finite numbers.*"),

@@ -224,7 +224,7 @@ def add_vectors_of(first, second):
 
 
 def test_values_out_of_range_are_cut_as_constants_are():
-    """A roughness of 2 is one of 1, a color of -1 is black, a number that is none is 0."""
+    """A roughness of 2 is one of 1, a color of -1 is black; light of -1 takes light away."""
     lamp = PointLight((0, 0, 3), 100.0)
     steps = [Step("OBJECT_INFO Random"), Step("MATH", (Register(0, "Random"), 2.0, 0.0), {"operation": "ADD"})]
     materials = (
@@ -234,8 +234,10 @@ def test_values_out_of_range_are_cut_as_constants_are():
     seen = [see(Scene([quad()], lights=[lamp], materials=[item]), PLACES)["Combined"] for item in materials]
     np.testing.assert_array_equal(*seen)
     down = [Step("OBJECT_INFO Location"), subtract_one()]
-    dark = Scene([quad()], materials=[shine(down, Register(1, "Vector"))])
-    assert (see(dark, PLACES)["Combined"][:, :3] == 0).all()
+    taking = Scene([quad()], materials=[shine(down, Register(1, "Vector"))])
+    assert (see(taking, PLACES)["Combined"][:, :3] == -1).all()
+    black = Material([Closure("diffuse", color=Register(1, "Vector"))], program=Program(down))
+    assert (see(Scene([quad()], lights=[lamp], materials=[black]), PLACES)["Combined"][:, :3] == 0).all()
 
 
 def subtract_one():

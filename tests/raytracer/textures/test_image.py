@@ -6,7 +6,7 @@ import pytest
 from raytracer import Image, Mesh
 from raytracer.shading.nodes.images import weigh_sides
 from raytracer.surfaces.tangents import make_tangents
-from raytracer.textures.image import EXTENSIONS, decode_srgb, read_image, sample_image
+from raytracer.textures.image import EXTENSIONS, decode_srgb, encode_srgb, read_image, sample_image
 
 KERNELS = {
     "Closest": (lambda x: np.where((x >= -0.5) & (x < 0.5), 1.0, 0.0), 1),
@@ -131,3 +131,10 @@ def test_tangents_are_shared_where_position_normal_and_uv_are():
     np.testing.assert_allclose(tangents[0, 0], tangents[1, 0], atol=1e-15)
     np.testing.assert_allclose(tangents[0, 2], tangents[1, 1], atol=1e-15)
     np.testing.assert_allclose(tangents[0, 0], (1, 0, 0, 1), atol=1e-12)
+
+
+def test_encoding_undoes_decoding() -> None:
+    """Both pieces of the curve, beyond 1 as well; the standard rounds where they meet to 0.04045, which leaves 1e-8."""
+    encoded = np.linspace(0.0, 1.5, 1001)
+    np.testing.assert_allclose(encode_srgb(decode_srgb(encoded)), encoded, atol=1e-7)
+    assert encode_srgb(np.array(-1.0)) == 0.0

@@ -73,14 +73,15 @@ def test_data_is_not_decoded(warnings: WarningList) -> None:
 
 def test_an_image_is_read_once(warnings: WarningList) -> None:
     images, image = ImageTable(), make_image()
-    assert images.find_image(image, "Node", place(warnings)) is images.find_image(image, "Other", place(warnings))
+    assert images.find_image(image, None, "Node", place(warnings)) is images.find_image(
+        image, None, "Other", place(warnings)
+    )
 
 
 def test_a_missing_file_is_named(warnings: WarningList) -> None:
-    image = bpy.data.images.new("Lost", 1, 1)
-    image.source, image.filepath = "FILE", "//nowhere.png"
-    image.reload()
-    assert ImageTable().find_image(image, "Node", place(warnings)) is None
+    found = ImageTable().find_image(make_lost(), None, "Node", place(warnings))
+    assert found is not None
+    assert_array_equal(found.pixels, [[(1.0, 0.0, 1.0, 1.0)]])
     (warning,) = warnings.records
     assert "node 'Node': image 'Lost' is missing, magenta is shown" in warning.text
     assert (warning.object, warning.material) == ("Object", "Material")
@@ -171,11 +172,20 @@ def test_files_look_as_in_cycles(empty_scene: Any, tmp_path: Path, record_proper
     assert {name: value for name, value in differences.items() if value > FORMATS[name][1]} == {}
 
 
-@pytest.mark.usefixtures("registered_addon")
-def test_a_missing_image_is_magenta_as_in_cycles(empty_scene: Any) -> None:
+# Missing images ------------------------------------------------------------------------------------------------------
+
+
+def make_lost(space: str = "sRGB") -> Any:
     image = bpy.data.images.new("Lost", 1, 1)
     image.source, image.filepath = "FILE", "//nowhere.png"
+    image.colorspace_settings.name = space
     image.reload()
+    return image
+
+
+@pytest.mark.usefixtures("registered_addon")
+def test_a_missing_image_is_magenta_as_in_cycles(empty_scene: Any) -> None:
+    image = make_lost()
 
     def show(tree: Any) -> Any:
         return add_node(tree, "ShaderNodeTexImage", image=image).outputs["Color"]
@@ -204,3 +214,120 @@ def test_what_is_not_finite_in_a_float_image_is_black(empty_scene: Any) -> None:
     assert found is not None
     assert_array_equal(found.pixels[0], [(0.0, 0.5, 2.0, 1.0), (0.25, 0.0, 0.0, 1.0)])
     assert_array_equal(drop_infinities(np.array([np.inf, -np.inf, np.nan, -1.0, 1e38])), [0.0, 0.0, 0.0, -1.0, 1e38])
+
+
+@pytest.mark.usefixtures("registered_addon")
+def test_a_missing_image_is_one_pixel_that_clips_and_fades_as_in_cycles(empty_scene: Any) -> None:
+    """Images as Planes clip: a missing one fades to nothing at the border of its plane."""
+    images = {space: make_lost(space) for space in ("sRGB", "Non-Color")} | {"none": None}
+
+    def show(output: str, image: Any, **settings: Any) -> Any:
+        return lambda tree: add_node(tree, "ShaderNodeTexImage", image=image, **settings).outputs[output]
+
+    ways: dict[str, dict[str, str]] = {
+        f"{extension} {interpolation}": {"extension": extension, "interpolation": interpolation}
+        for extension in ("REPEAT", "EXTEND", "CLIP", "MIRROR")
+        for interpolation in ("Closest", "Linear", "Cubic", "Smart")
+    }
+    ways |= {projection: {"extension": "CLIP", "projection": projection} for projection in ("BOX", "SPHERE", "TUBE")}
+    configurations = {
+        f"{name} {output} {way}": show(output, image, **settings)
+        for way, settings in ways.items()
+        for output in ("Color", "Alpha")
+        for name, image in images.items()
+    }
+    differences, pictures, _ = measure_differences(empty_scene, configurations)
+    assert {name: value for name, value in differences.items() if value > 1e-6} == {}
+    assert pictures["sRGB Alpha CLIP Linear"][0].min() < 0.6
+
+
+# Alpha ---------------------------------------------------------------------------------------------------------------
+
+COLOR, ALPHA = np.array((0.3, 0.5, 0.1)), 0.4
+ALPHA_MODES = ("STRAIGHT", "PREMUL", "CHANNEL_PACKED", "NONE")
+# Half floats keep 11 bits, and PNG files of 16 bits were written from bytes.
+STORED_TOLERANCE = 2.0**-10
+
+
+def save_alpha(folder: Path, file_format: str, depth: str) -> Path:
+    """Write a picture of one color and alpha, each channel as it is given."""
+    settings = bpy.context.scene.render.image_settings
+    set_image_format(settings, file_format)
+    settings.color_mode, settings.color_depth = "RGBA", depth
+    image = bpy.data.images.new("Written", 2, 2, alpha=True, float_buffer=file_format == "OPEN_EXR")
+    image.pixels.foreach_set(np.tile(np.append(COLOR, ALPHA), 4).astype(np.float32))
+    path = folder / f"{file_format}{depth}.image"
+    image.save_render(str(path), scene=bpy.context.scene)
+    return path
+
+
+def show_alpha(image: Any, reads_alpha: bool) -> Any:
+    """Return what makes the image's color; with `reads_alpha` alpha is read too, and adds next to nothing."""
+
+    def make(tree: Any) -> Any:
+        node = add_node(tree, "ShaderNodeTexImage", image=image, interpolation="Closest")
+        if not reads_alpha:
+            return node.outputs["Color"]
+        inputs = {"Value": node.outputs["Alpha"], "Value_001": 1e-9}
+        little = add_node(tree, "ShaderNodeMath", inputs, operation="MULTIPLY").outputs[0]
+        inputs = {"Vector": node.outputs["Color"], "Vector_001": little}
+        return add_node(tree, "ShaderNodeVectorMath", inputs, operation="ADD").outputs[0]
+
+    return make
+
+
+@pytest.mark.usefixtures("registered_addon")
+@pytest.mark.parametrize("is_packed", [False, True])
+@pytest.mark.parametrize(
+    ("file_format", "depth"), [("OPEN_EXR", "32"), ("OPEN_EXR", "16"), ("PNG", "8"), ("PNG", "16")]
+)
+def test_alpha_modes_mean_what_the_manual_says(
+    empty_scene: Any, tmp_path: Path, file_format: str, depth: str, is_packed: bool
+) -> None:
+    """A file holds color c and alpha a. Straight: the color is c, and c a where alpha is not read, for it masks.
+    Premultiplied: c / a, and c. Otherwise: c. Cycles agrees on packed files, and on others where the mode is that of
+    their format: by itself it takes OpenEXR for premultiplied and PNG for straight, whatever is set."""
+    empty_scene.view_settings.view_transform = "Standard"
+    path, configurations = save_alpha(tmp_path, file_format, depth), {}
+    for mode in ALPHA_MODES:
+        image = bpy.data.images.load(str(path), check_existing=False)
+        image.alpha_mode = mode
+        if is_packed:
+            image.pack()
+        configurations |= {f"{mode} {reads}": show_alpha(image, reads) for reads in (False, True)}
+    differences, pictures, warnings = measure_differences(empty_scene, configurations)
+    assert not warnings
+    overruled = "STRAIGHT" if file_format == "OPEN_EXR" else "PREMUL"
+    agreeing = [name for name in differences if is_packed or not name.startswith(overruled)]
+    assert max(differences[name] for name in agreeing) < 1e-4
+    if not is_packed:
+        assert min(differences[name] for name in set(differences) - set(agreeing)) > 0.01
+    if file_format == "OPEN_EXR":
+        right = {"STRAIGHT": (COLOR * ALPHA, COLOR), "PREMUL": (COLOR, COLOR / ALPHA)}
+        found = {mode: [pictures[f"{mode} {reads}"][0][1, 1] for reads in (False, True)] for mode in right}
+        for mode, colors in right.items():
+            assert_allclose(found[mode], colors, rtol=STORED_TOLERANCE)
+
+
+@pytest.mark.usefixtures("registered_addon")
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_files_of_16_bits_are_blended_between_pixels_as_in_cycles(
+    empty_scene: Any, tmp_path: Path, is_packed: bool
+) -> None:
+    """Cycles blends the encoded numbers of those that it reads by itself, and linear ones of packed files."""
+    settings = empty_scene.render.image_settings
+    set_image_format(settings, "PNG")
+    settings.color_mode, settings.color_depth = "RGBA", "16"
+    empty_scene.view_settings.view_transform = "Standard"
+    make_image(is_float=True, opaque=False).save_render(str(tmp_path / "image.png"), scene=empty_scene)
+    configurations = {}
+    for mode in ("STRAIGHT", "CHANNEL_PACKED", "NONE"):
+        image = bpy.data.images.load(str(tmp_path / "image.png"), check_existing=False)
+        image.alpha_mode = mode
+        if is_packed:
+            image.pack()
+        configurations[mode] = lambda tree, image=image: add_node(
+            tree, "ShaderNodeTexImage", image=image, interpolation="Linear"
+        ).outputs["Color"]
+    differences, _, _ = measure_differences(empty_scene, configurations)
+    assert max(differences.values()) < 1e-4
