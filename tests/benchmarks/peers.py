@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 # Modules that offer PEERS, name -> loader. A loader returns a Peer, or raises ImportError.
-MODULES = ("peers_ours", "peers_blender", "peers_libraries", "peers_formulas")
+MODULES = ("peers_ours", "peers_blender", "peers_nodes", "peers_libraries", "peers_formulas")
 
 
 class Answer(NamedTuple):

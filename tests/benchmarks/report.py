@@ -26,8 +26,9 @@ through one. A primitive counts as right if it is exactly first; the certified m
 SPEED_HEAD = """# Speed
 
 Processor time on one core, peers taking turns, medians. Blender's casters take one ray a call and are asked in a
-Python loop over prebuilt Vectors, up to 16384 of the rays, evenly spread. Shadow rays ask for any hit, all others for
-the closest.
+Python loop over prebuilt Vectors, up to 16384 of the rays, evenly spread. Its Raycast node takes arrays: timed are the
+evaluation of its node tree and reading back; a script cannot limit its threads, so their processor time is added up.
+Shadow rays ask for any hit, or the closest where a peer knows no other query; all others ask for the closest.
 
 ![speed](speed.png)
 """

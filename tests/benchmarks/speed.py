@@ -11,11 +11,12 @@ from tests.benchmarks import speed_scenes
 from tests.benchmarks.accuracy import Effort
 from tests.benchmarks.peers_blender import BVH_TREE, SCENE
 from tests.benchmarks.peers_libraries import OPEN3D
+from tests.benchmarks.peers_nodes import RAYCAST
 from tests.benchmarks.peers_ours import CERTIFIED, FLOAT32, FLOAT64, build_scene
 from tests.benchmarks.ray_sets import make_rays, make_targets
 from tests.benchmarks.timing import measure, one_core, take_turns
 
-SPEED_PEERS = (CERTIFIED, FLOAT64, FLOAT32, OPEN3D, BVH_TREE, SCENE)
+SPEED_PEERS = (CERTIFIED, FLOAT64, FLOAT32, OPEN3D, BVH_TREE, SCENE, RAYCAST)
 # Peers that take one ray a call get at most this many, evenly spread.
 LOOP_RAYS = 1 << 14
 # Meshes of more triangles are not made of instances.

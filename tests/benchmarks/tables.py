@@ -7,6 +7,7 @@ import statistics
 from tests.benchmarks.equal_error import FEWEST
 from tests.benchmarks.peers_blender import BVH_TREE, SCENE
 from tests.benchmarks.peers_libraries import OPEN3D
+from tests.benchmarks.peers_nodes import RAYCAST
 from tests.benchmarks.peers_ours import CERTIFIED, FLOAT64
 from tests.benchmarks.truth import bound_rate, count_failures
 
@@ -184,7 +185,7 @@ PICTURE_TABLES = (
         lambda row: [str(row["samples"]), show(row["one"]), show(row["two"]), f"{row['ratio']:.2f}"],
     ),
 )  # fmt: skip
-RATIOS = ("scene", "family", "over Embree", "over BVHTree", "over Scene.ray_cast", "over float64")
+RATIOS = ("scene", "family", "over Embree", "over BVHTree", "over Scene.ray_cast", "over Raycast node", "over float64")
 
 
 def make_table(header, rows):
@@ -252,7 +253,7 @@ def list_ratios(rows):
     lines = []
     for scene, family in dict.fromkeys((row["scene"], row["family"]) for row in rows):
         ours = speeds.get((scene, family, CERTIFIED))
-        others = [speeds.get((scene, family, peer)) for peer in (OPEN3D, BVH_TREE, SCENE, FLOAT64)]
+        others = [speeds.get((scene, family, peer)) for peer in (OPEN3D, BVH_TREE, SCENE, RAYCAST, FLOAT64)]
         ratios = [f"{ours / other:.2f}" if ours and other else NOTHING for other in others]
         lines.append([scene, family, *ratios])
     return lines
