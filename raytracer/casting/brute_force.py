@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 
 # Pairs per block: a few megabytes of corners, within the cache of one core.
 BLOCK_PAIRS = 1 << 16
 
 
-def offer_all(search: Search) -> None:
+def offer_all(query: Query) -> None:
     """Offer all primitives to all rays, in blocks of rays."""
-    ids = np.arange(search.primitives.geometry.first_id[-1])
+    ids = np.arange(query.primitives.geometry.first_id[-1])
     if not len(ids):
         return
     step = max(1, BLOCK_PAIRS // len(ids))
-    for start in range(0, len(search.rays), step):
-        rays = np.arange(start, min(start + step, len(search.rays)))
-        search.offer(np.repeat(rays, len(ids)), np.tile(ids, len(rays)))
+    for start in range(0, len(query.rays), step):
+        rays = np.arange(start, min(start + step, len(query.rays)))
+        query.offer(np.repeat(rays, len(ids)), np.tile(ids, len(rays)))

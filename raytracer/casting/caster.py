@@ -18,7 +18,7 @@ from raytracer.arrays.memory import keep_freed_memory
 from raytracer.arrays.types import Booleans
 from raytracer.casting.bvh.hierarchy import choose_flattened
 from raytracer.casting.choose import Offer, choose_accelerators
-from raytracer.casting.crossings import CrossingSearch
+from raytracer.casting.crossings import CrossingQuery
 from raytracer.casting.dense.offer import DenseOffer
 from raytracer.casting.geometry import Geometry, pack_geometry
 from raytracer.casting.matrix_form import MatrixForm
@@ -30,7 +30,7 @@ from raytracer.casting.pencil.pixel_grid import find_pixel_grid
 from raytracer.casting.pencil.projection import Projection, project
 from raytracer.casting.pencil.rasterize import offer_projected
 from raytracer.casting.primitives import Primitives, make_primitives
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 from raytracer.casting.rays import Hits, Rays, make_misses, make_rays
 from raytracer.predicates.rounding import PRECISIONS
 from raytracer.scene.scene import Scene
@@ -52,10 +52,10 @@ keep_freed_memory()
 class Caster:
     """A scene ready to be cast into.
 
-    offer : the accelerator for any rays, a function that offers a Search all candidates its rays can hit
+    offer : the accelerator for any rays, a function that offers a Query all candidates its rays can hit
     smallest_pencil : least number of rays with a common point or direction, for each view of theirs, that are
         projected; None: never
-    drawn : offers a search, whose rays leave one point, what is drawn on their grid; None where not all is triangles
+    drawn : offers a query, whose rays leave one point, what is drawn on their grid; None where not all is triangles
         of flattened instances
     """
 
@@ -127,8 +127,8 @@ class Caster:
         rays = replace(make_rays(origins, directions, t_min, t_max), after=after, departure=departure)
         valid = rays.valid()
         hits = make_misses(valid, tied=order is not None)
-        for index, search in self._search(rays, valid, False, order):
-            hits.put(index, search.closest())
+        for index, query in self._run_queries(rays, valid, False, order):
+            hits.put(index, query.closest())
         return hits
 
     def any_hit(
@@ -155,36 +155,38 @@ class Caster:
         """
         rays = replace(make_rays(origins, directions, t_min, t_max), departure=departure)
         found = np.zeros(len(rays), dtype=bool)
-        for index, search in self._search(rays, rays.valid(), True, order):
-            found[index] = search.found_any()
+        for index, query in self._run_queries(rays, rays.valid(), True, order):
+            found[index] = query.found_any()
         return found
 
-    def _search(self, rays: Rays, valid: Booleans, any_hit: bool, order: Order | None) -> Iterator[tuple[Rows, Search]]:
-        """Yield the finished searches of the valid rays, in batches, with the rays' places."""
+    def _run_queries(
+        self, rays: Rays, valid: Booleans, any_hit: bool, order: Order | None
+    ) -> Iterator[tuple[Rows, Query]]:
+        """Yield the finished queries of the valid rays, in batches, with the rays' places."""
         if not valid.all():
             place = np.flatnonzero(valid)
             rays = rays.select(place)
-            for rows, search in self._search(rays, np.ones(len(rays), bool), any_hit, order):
-                yield place[rows], search
+            for rows, query in self._run_queries(rays, np.ones(len(rays), bool), any_hit, order):
+                yield place[rows], query
             return
         fresh = rays.find_fresh()
         if fresh.any() and not fresh.all():
             for place in (np.flatnonzero(fresh), np.flatnonzero(~fresh)):
                 some = rays.select(place)
-                for rows, search in self._search(some, np.ones(len(some), bool), any_hit, order):
-                    yield place[rows], search
+                for rows, query in self._run_queries(some, np.ones(len(some), bool), any_hit, order):
+                    yield place[rows], query
             return
         if rays.after is not None or rays.departure is not None:
             rays = replace(rays, after=None, departure=None) if fresh.all() else rays
         for start in range(0, len(rays), CALL_RAYS):
             some = rays.select(slice(start, start + CALL_RAYS))
             for rows, offer in self._plan(some, any_hit):
-                search = Search(self.primitives, some.select(rows), any_hit, order)
-                offer(search)
-                yield slice(start + rows.start, start + rows.stop) if isinstance(rows, slice) else start + rows, search
+                query = Query(self.primitives, some.select(rows), any_hit, order)
+                offer(query)
+                yield slice(start + rows.start, start + rows.stop) if isinstance(rows, slice) else start + rows, query
 
     def _plan(self, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Offer]]:
-        """Yield batches of rays and what offers a search of theirs all candidates."""
+        """Yield batches of rays and what offers a query of theirs all candidates."""
         pencil = self._find_pencil(rays)
         if pencil is not None:
             reach = np.abs(self.primitives.bounds - pencil.centre).max()
@@ -256,9 +258,9 @@ class Caster:
         valid = np.flatnonzero(rays.valid())
         for start in range(0, len(valid), BATCH_RAYS):
             index = valid[start : start + BATCH_RAYS]
-            search = CrossingSearch(self.primitives, rays.select(index))
-            self.offer(search)
-            count[index] = search.counts()
+            query = CrossingQuery(self.primitives, rays.select(index))
+            self.offer(query)
+            count[index] = query.counts()
         return count
 
 
@@ -289,5 +291,5 @@ def build(scene: Scene, precision: str = "certified", last: Caster | None = None
     return Caster(scene, primitives, chosen.offer, chosen.smallest_pencil, chosen.drawn)
 
 
-def _offer_part(view: View, projection: Projection, rows: slice, search: Search) -> None:
-    offer_projected(view, projection, search, rows)
+def _offer_part(view: View, projection: Projection, rows: slice, query: Query) -> None:
+    offer_projected(view, projection, query, rows)

@@ -15,7 +15,7 @@ from raytracer.casting.dense.offer import DenseOffer, suits_dense
 from raytracer.casting.matrix_form import MatrixForm
 from raytracer.casting.pencil.offer import DrawnOffer
 from raytracer.casting.primitives import Primitives
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 
 # Up to this many triangles and spheres, looking at all of them is quicker than a tree.
 MATRIX_TRIANGLES, MATRIX_SPHERES = 128, 8
@@ -25,9 +25,9 @@ PENCIL_SHARE, SMALLEST_PENCIL, SMALLEST_PENCIL_OF_FEW = 0.25, 4096, 8192
 
 
 class Offer(Protocol):
-    """An accelerator: offers a search all candidates that its rays may hit, and decides nothing."""
+    """An accelerator: offers a query all candidates that its rays may hit, and decides nothing."""
 
-    def __call__(self, search: Search) -> None: ...
+    def __call__(self, query: Query) -> None: ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.casting.geometry import Ids, Kind
 from raytracer.casting.primitives import Primitives, gather_corners
-from raytracer.casting.query import Candidates, Search
+from raytracer.casting.query import Candidates, Query
 from raytracer.casting.rays import Rays
 from raytracer.predicates import exact
 
 
-class CrossingSearch(Search):
+class CrossingQuery(Query):
     """Counts the triangles that rays cross; spheres do not count, edges and vertices are left to `exact`."""
 
     closed = False

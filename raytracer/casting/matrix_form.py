@@ -7,7 +7,7 @@ With Pluecker coordinates of the ray, (d, m) with moment m = o x d, the edge fun
 six products a triangle's edge and ray (K. Shoemake, "Pluecker coordinate tutorial", Ray Tracing News, 1998). In
 float32, in the scene's frame, coordinates are at most 1 and in every component |p x q| <= 2, |q - p| <= 2, |d| <= 1 and
 |m| <= 2 |o|: E is off by at most gamma32(8) (3 * 2 + 3 * 2 * 2 |o|), and what is outside by more is dropped. What is
-left is measured by `planes`, which settles most of it; the rest is decided by `search`.
+left is measured by `planes`, which settles most of it; the rest is decided by `query`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from raytracer.casting.bvh.tree import make_frame
 from raytracer.casting.framed import frame_rays
 from raytracer.casting.planes import OFFER_PAIRS, PlaneDecisions, make_planes
 from raytracer.casting.primitives import Primitives, gather_corners
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 from raytracer.predicates.filtered import cross
 from raytracer.predicates.rounding import gamma
 
@@ -30,7 +30,7 @@ BLOCK_VALUES = 1 << 18
 
 
 class MatrixForm:
-    """Offers a search the triangles that rays may hit, found by a product, and every sphere."""
+    """Offers a query the triangles that rays may hit, found by a product, and every sphere."""
 
     def __init__(self, primitives: Primitives) -> None:
         count = primitives.geometry.sphere_id
@@ -44,22 +44,22 @@ class MatrixForm:
         self.sphere_ids = np.arange(count, primitives.geometry.first_id[-1])
 
     @np.errstate(all="ignore")
-    def __call__(self, search: Search) -> None:
-        """Offer a search all primitives that its rays may hit."""
+    def __call__(self, query: Query) -> None:
+        """Offer a query all primitives that its rays may hit."""
         if len(self.edges):
-            self._offer_triangles(search)
+            self._offer_triangles(query)
         size = OFFER_PAIRS // max(1, len(self.sphere_ids))
-        for start in range(0, len(search.rays) if len(self.sphere_ids) else 0, size):
-            ray = np.arange(start, min(start + size, len(search.rays)))
-            search.offer(np.repeat(ray, len(self.sphere_ids)), np.tile(self.sphere_ids, len(ray)))
+        for start in range(0, len(query.rays) if len(self.sphere_ids) else 0, size):
+            ray = np.arange(start, min(start + size, len(query.rays)))
+            query.offer(np.repeat(ray, len(self.sphere_ids)), np.tile(self.sphere_ids, len(ray)))
 
-    def _offer_triangles(self, search: Search) -> None:
+    def _offer_triangles(self, query: Query) -> None:
         """Have the pairs of rays and triangles that may be hits decided."""
         size = max(256, BLOCK_VALUES // len(self.edges))
-        decisions = PlaneDecisions(search, self.planes)
-        for start in range(0, len(search.rays), size):
-            block = slice(start, min(start + size, len(search.rays)))
-            rays = frame_rays(self.frame, search.rays.origins[block], search.rays.directions[block])
+        decisions = PlaneDecisions(query, self.planes)
+        for start in range(0, len(query.rays), size):
+            block = slice(start, min(start + size, len(query.rays)))
+            rays = frame_rays(self.frame, query.rays.origins[block], query.rays.directions[block])
             triangle, lane, inside = self._find_pairs(rays.origin, rays.direction)
             decisions.set_rays(block, *rays)
             decisions.take_in(lane + start, triangle, inside)

@@ -1,9 +1,9 @@
-"""Where rays meet the planes of triangles, in float64 with a bound: what settles most candidates without `search`.
+"""Where rays meet the planes of triangles, in float64 with a bound: what settles most candidates without `query`.
 
 A triangle's plane is stored once, in a frame of size one: normal, corner, bound. An accelerator that knows of a pair
 (ray, triangle) whether the line certainly passes inside the triangle learns here between which distances the ray meets
 the plane. What is certainly out of range is dropped, what is certainly in range narrows the ray's range; a ray's only
-candidate, if certain, is settled, and all others are offered to `search`, which decides exactly.
+candidate, if certain, is settled, and all others are offered to `query`, which decides exactly.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.casting.geometry import Ids
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 from raytracer.predicates.filtered import cross
 from raytracer.predicates.rounding import UNIT_ROUNDOFF
 
@@ -102,18 +102,18 @@ class Measured(NamedTuple):
 
 
 class PlaneDecisions:
-    """Takes in candidates of a search's rays and settles or offers them; all, to one that no hit narrows.
+    """Takes in candidates of a query's rays and settles or offers them; all, to one that no hit narrows.
 
-    best, t_max : (n,) as `Search.best` and the rays' range, in the frame
-    begun : (n,) `Search.surely_begun` in the frame; None where that is the range's begin
+    best, t_max : (n,) as `Query.best` and the rays' range, in the frame
+    begun : (n,) `Query.surely_begun` in the frame; None where that is the range's begin
     """
 
-    def __init__(self, search: Search, planes: Floats) -> None:
-        count = len(search.rays)
-        self.search, self.planes = search, planes
+    def __init__(self, query: Query, planes: Floats) -> None:
+        count = len(query.rays)
+        self.query, self.planes = query, planes
         self.lines = np.empty((count, LINE_COLUMNS))
         self.best, self.t_max = np.empty(count), np.empty(count)
-        self.begun = None if search.passed is None else np.empty(count)
+        self.begun = None if query.passed is None else np.empty(count)
         self.pool: list[Measured] = []
 
     def set_rays(self, rows: slice, origin: Floats, direction: Floats, unit: Floats) -> None:
@@ -122,18 +122,18 @@ class PlaneDecisions:
         `unit` is a power of two. What it takes out of the range of float64 is below any bound, infinite, or NaN, which
         is never certain; a NaN as the farthest distance is replaced by infinity, with which traversal can work.
         """
-        search = self.search
-        self.lines[rows] = make_lines(origin, direction, search.t_min[rows] * unit)
-        np.multiply(search.rays.t_max[rows], unit, out=self.t_max[rows])
-        np.multiply(search.best[rows], unit, out=self.best[rows])
+        query = self.query
+        self.lines[rows] = make_lines(origin, direction, query.t_min[rows] * unit)
+        np.multiply(query.rays.t_max[rows], unit, out=self.t_max[rows])
+        np.multiply(query.best[rows], unit, out=self.best[rows])
         if self.begun is not None:
-            np.multiply(search.surely_begun[rows], unit, out=self.begun[rows])
+            np.multiply(query.surely_begun[rows], unit, out=self.begun[rows])
         np.copyto(self.best[rows], np.inf, where=np.isnan(self.best[rows]))
 
     def take_in(self, ray: Indices, triangle: Indices, inside: Booleans) -> Indices:
         """Measure candidates, of which `inside` says where the line certainly meets the triangle's inner; return the
         rays whose `best` may have changed."""
-        if not self.search.narrows:
+        if not self.query.narrows:
             self.pool.append(Measured(ray, triangle, np.zeros(len(ray)), np.zeros(len(ray), bool)))
             return ray[:0]
         parts = []
@@ -146,8 +146,8 @@ class PlaneDecisions:
         measured, high = Measured(*low_high[:4]), low_high[4]
         certain = np.flatnonzero(measured.certain)
         changed = measured.ray.take(certain)
-        if self.search.any_hit:
-            self.search.settle(changed, measured.triangle.take(certain))
+        if self.query.any_hit:
+            self.query.settle(changed, measured.triangle.take(certain))
             self.best[changed] = -np.inf
             measured = measured.select(np.flatnonzero(self.best.take(measured.ray) > -np.inf))
         else:
@@ -174,13 +174,13 @@ class PlaneDecisions:
         if not self.pool:
             return
         left = Measured(*(np.concatenate(column) for column in zip(*self.pool, strict=True)))
-        if self.search.narrows:
+        if self.query.narrows:
             left = left.select(np.flatnonzero(~(left.low > self.best.take(left.ray))))
-        if not self.search.any_hit and settles:
+        if not self.query.any_hit and settles:
             alone = np.bincount(left.ray, minlength=len(self.best)).take(left.ray) == 1
             clear = left.select(np.flatnonzero(left.certain & alone))
-            self.search.settle(clear.ray, clear.triangle)
+            self.query.settle(clear.ray, clear.triangle)
             left = left.select(np.flatnonzero(~(left.certain & alone)))
         for start in range(0, len(left.ray), OFFER_PAIRS):
             part = slice(start, start + OFFER_PAIRS)
-            self.search.offer(left.ray[part], left.triangle[part])
+            self.query.offer(left.ray[part], left.triangle[part])

@@ -56,7 +56,7 @@ def _join(parts: list[Candidates]) -> Candidates:
     return Candidates(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-class Search:
+class Query:
     """The state of a batch of n valid rays.
 
     closed : edges and vertices belong to their triangles
@@ -282,7 +282,7 @@ class Search:
         return everything.select(np.flatnonzero(everything.low <= self.best.take(everything.ray)))
 
     def found_any(self) -> Booleans:
-        """(n,) bool: the answers of an any-hit search."""
+        """(n,) bool: the answers of an any-hit query."""
         found = self.best_id != NO_ID
         if self.certified:
             left = self._remaining()

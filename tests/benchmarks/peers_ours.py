@@ -8,7 +8,7 @@ import numpy as np
 
 import raytracer
 from raytracer.casting.caster import BATCH_RAYS
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 from raytracer.casting.rays import make_rays
 from tests.benchmarks.peers import Answer, Built, Peer
 
@@ -51,10 +51,10 @@ def count_exact(caster, origins, directions):
     total = 0
     for start in range(0, len(origins), BATCH_RAYS):
         block = slice(start, start + BATCH_RAYS)
-        search = Search(caster.primitives, make_rays(origins[block], directions[block]), any_hit=False)
-        caster.offer(search)
-        search.closest()
-        total += search.exact_count
+        query = Query(caster.primitives, make_rays(origins[block], directions[block]), any_hit=False)
+        caster.offer(query)
+        query.closest()
+        total += query.exact_count
     return total
 
 

@@ -28,7 +28,7 @@ def make_dense(primitives):
     if not suits_dense(primitives):
         return traversed
     tree = build_dense_tree(primitives.corners, primitives.bounds)
-    return lambda search: offer_dense(tree, search) if search.narrows else traversed(search)
+    return lambda query: offer_dense(tree, query) if query.narrows else traversed(query)
 
 
 ACCELERATORS = {

@@ -1,4 +1,4 @@
-"""The triangles of leaves in float32, and a test that leaves little more than the hits for `search` to decide.
+"""The triangles of leaves in float32, and a test that leaves little more than the hits for `query` to decide.
 
 With R = d x (a - o), the edges e = b - a, f = c - a, N = e x f and D = d . N, the edge functions of `predicates` are
 E_b = -R . f, E_c = R . e and E_a = D - E_b - E_c, and the distance is t = (a - o) . N / D. Two edge functions of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from raytracer.casting.bvh.hierarchy import Hierarchy, build_hierarchy
 from raytracer.casting.bvh.traverse import offer_traversed
 from raytracer.casting.primitives import Primitives
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 
 
 class TreeOffer:
@@ -19,9 +19,9 @@ class TreeOffer:
         self.latest = last
         self.is_built = False
 
-    def __call__(self, search: Search) -> None:
-        """Offer a search all primitives that its rays may hit."""
+    def __call__(self, query: Query) -> None:
+        """Offer a query all primitives that its rays may hit."""
         if not self.is_built:
             self.latest, self.is_built = build_hierarchy(self.primitives, self.latest), True
         assert self.latest is not None
-        offer_traversed(self.latest, search)
+        offer_traversed(self.latest, query)

@@ -24,7 +24,7 @@ from raytracer.casting.bvh.instances import place_rays
 from raytracer.casting.bvh.leaves import test_leaves
 from raytracer.casting.bvh.stacks import Buffer, Pairs, Stack
 from raytracer.casting.bvh.tree import NODE_ROWS, REFERENCE_ROW, WIDTH
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 
 # Pairs per step. Shorter steps spend their time on the calls; NumPy copies operands of fewer than 8192 columns.
 CHUNK = 8192
@@ -87,32 +87,32 @@ class _Workspace:
 class Traversal:
     """One batch on its way through a hierarchy."""
 
-    def __init__(self, hierarchy: Hierarchy, search: Search) -> None:
+    def __init__(self, hierarchy: Hierarchy, query: Query) -> None:
         self.hierarchy = hierarchy
-        self.search = search
+        self.query = query
         self.node_rows = hierarchy.nodes.reshape(-1, WIDTH)
         self.references = hierarchy.nodes.view(np.int32).ravel()[WIDTH * REFERENCE_ROW :]
         self.leaf_rows = hierarchy.triangles.reshape(-1, WIDTH)
         self.items = hierarchy.items.ravel()
-        self.rays = prepare_rays(hierarchy.frame, search.rays.origins, search.rays.directions)
-        self.begin = to_row_start(self.rays, search.t_min)
+        self.rays = prepare_rays(hierarchy.frame, query.rays.origins, query.rays.directions)
+        self.begin = to_row_start(self.rays, query.t_min)
         self.rows = _Rows(self.rays.rows, self.begin)
-        everyone = np.arange(len(search.rays))
+        everyone = np.arange(len(query.rays))
         # Nothing farther matters: once per ray, and as a row to gather.
-        self.best = to_row_distance(self.rays, everyone, search.best)
+        self.best = to_row_distance(self.rays, everyone, query.best)
         self.best_rows = np.repeat(self.best, WIDTH).reshape(-1, WIDTH)
-        self.stack = Stack(4 * max(len(search.rays), CHUNK))
+        self.stack = Stack(4 * max(len(query.rays), CHUNK))
         self.leaves, self.instances, self.candidates = Buffer(), Buffer(), Buffer()
         # Where the stack and the rows ended when instances were entered: below that, their rows are done with.
         self.marks: list[tuple[int, int]] = []
-        self.narrows = search.narrows and search.certified
-        self.surely_begun = to_row_distance(self.rays, everyone, search.surely_begun)
-        self.surely_before_end = to_row_start(self.rays, search.rays.t_max)
+        self.narrows = query.narrows and query.certified
+        self.surely_begun = to_row_distance(self.rays, everyone, query.surely_begun)
+        self.surely_before_end = to_row_start(self.rays, query.rays.t_max)
         self.work = _Workspace()
 
     def run(self) -> None:
-        """Offer the search every primitive whose boxes the rays enter."""
-        everyone = np.arange(len(self.search.rays), dtype=np.int32)
+        """Offer the query every primitive whose boxes the rays enter."""
+        everyone = np.arange(len(self.query.rays), dtype=np.int32)
         for root in self.hierarchy.roots:
             self.stack.push(Pairs(everyone, np.full(len(everyone), root, np.int32), self.begin))
         # Capped reciprocals times far planes may overflow to infinity, with the right sign.
@@ -146,7 +146,7 @@ class Traversal:
         if not count:
             return
         keys = self._enter_boxes(row, node).reshape(WIDTH, count)
-        if not self.search.any_hit:  # for which the order hardly matters
+        if not self.query.any_hit:  # for which the order hardly matters
             keys = _sort_four(keys)
         chosen = np.flatnonzero(keys < INFINITY_BITS)
         key = keys.ravel().take(chosen)
@@ -240,9 +240,9 @@ class Traversal:
         ray, item, low = candidates.select(index)
         high = high.take(index)
         inside = low >= self.surely_begun.take(ray)
-        if self.search.any_hit:
+        if self.query.any_hit:
             inside &= high <= self.surely_before_end.take(ray)
-            self.search.settle(ray[inside], item[inside])
+            self.query.settle(ray[inside], item[inside])
             high = np.full(len(high), -np.inf, np.float32)
         self._lower_best(ray[inside], high[inside])
 
@@ -251,10 +251,10 @@ class Traversal:
         self.best_rows[ray] = self.best[ray][:, None]
 
     def _offer(self) -> None:
-        """Offer the search the candidates that are still near enough."""
+        """Offer the query the candidates that are still near enough."""
         ray, item, _ = self._drop_passed(self.candidates.take_all())
-        changed = self.search.offer(ray, item)
-        self._lower_best(changed, to_row_distance(self.rays, changed, self.search.best[changed]))
+        changed = self.query.offer(ray, item)
+        self._lower_best(changed, to_row_distance(self.rays, changed, self.query.best[changed]))
 
     def _enter_instances(self) -> None:
         """Give rays that enter an instance's box a row in the frame of its mesh, and push its root."""
@@ -289,7 +289,7 @@ def _sort_four(keys: NDArray[np.int32]) -> NDArray[np.int32]:
     return keys
 
 
-def offer_traversed(hierarchy: Hierarchy, search: Search) -> None:
-    """Offer a search all primitives that its rays may hit, found by the hierarchy."""
-    if len(search.rays) and hierarchy.roots:
-        Traversal(hierarchy, search).run()
+def offer_traversed(hierarchy: Hierarchy, query: Query) -> None:
+    """Offer a query all primitives that its rays may hit, found by the hierarchy."""
+    if len(query.rays) and hierarchy.roots:
+        Traversal(hierarchy, query).run()

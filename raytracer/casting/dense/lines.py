@@ -62,8 +62,8 @@ class DenseRays(NamedTuple):
 
 
 def prepare_rays(frame: Frame, decisions: PlaneDecisions) -> DenseRays:
-    """Prepare the rays of a search, also for the decisions."""
-    rays = decisions.search.rays
+    """Prepare the rays of a query, also for the decisions."""
+    rays = decisions.query.rays
     count = len(rays)
     prepared = DenseRays(
         np.empty((count + 1, SLAB_COLUMNS), np.float32),

@@ -13,7 +13,7 @@ import numpy as np
 from raytracer.casting.dense.tree import MOST_TRIANGLES, DenseTree, build_dense_tree, pack_dense_tree
 from raytracer.casting.dense.walk import offer_dense
 from raytracer.casting.primitives import Primitives
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 
 # Rays for which the dense tree is built.
 SMALLEST_BATCH = 4096
@@ -38,7 +38,7 @@ class DenseOffer:
     last : a tree of as many triangles before they moved, whose blocks are tried first
     """
 
-    def __init__(self, primitives: Primitives, other: Callable[[Search], None], last: DenseOffer | None = None) -> None:
+    def __init__(self, primitives: Primitives, other: Callable[[Query], None], last: DenseOffer | None = None) -> None:
         self.primitives, self.other = primitives, other
         self.tree: DenseTree | None = None
         self.last: DenseTree | None = None
@@ -52,14 +52,14 @@ class DenseOffer:
         elif len(last.primitives.corners) == len(corners):
             self.last = last.tree if last.tree is not None else last.last
 
-    def __call__(self, search: Search) -> None:
-        """Offer a search all primitives that its rays may hit."""
-        if not search.narrows or (self.tree is None and len(search.rays) < SMALLEST_BATCH):
-            self.other(search)
+    def __call__(self, query: Query) -> None:
+        """Offer a query all primitives that its rays may hit."""
+        if not query.narrows or (self.tree is None and len(query.rays) < SMALLEST_BATCH):
+            self.other(query)
             return
         if self.tree is None:
             self.tree, self.last = self._build(), None
-        offer_dense(self.tree, search)
+        offer_dense(self.tree, query)
 
     def _build(self) -> DenseTree:
         corners, bounds = self.primitives.corners, self.primitives.bounds

@@ -15,7 +15,7 @@ from raytracer.casting.dense.lines import prepare_rays, to_bounds
 from raytracer.casting.dense.packets import LANE_BLOCK, LANES, cross_triangles, enter_boxes, make_packets
 from raytracer.casting.dense.tree import DenseTree
 from raytracer.casting.planes import PlaneDecisions
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 
 
 class Walk:
@@ -24,9 +24,9 @@ class Walk:
     best : (n,) float32, nothing farther matters, in the rows' distances
     """
 
-    def __init__(self, tree: DenseTree, search: Search) -> None:
-        self.tree, self.search = tree, search
-        self.decisions = PlaneDecisions(search, tree.planes)
+    def __init__(self, tree: DenseTree, query: Query) -> None:
+        self.tree, self.query = tree, query
+        self.decisions = PlaneDecisions(query, tree.planes)
         self.rays = prepare_rays(tree.frame, self.decisions)
         self.best = to_bounds(self.decisions.best, self.rays.way)
 
@@ -42,7 +42,7 @@ class Walk:
         """Go from the root's children to the triangles below."""
         later = []
         for depth in range(1, len(self.tree.levels)):
-            orders = self.search.any_hit and depth == len(self.tree.levels) - 1
+            orders = self.query.any_hit and depth == len(self.tree.levels) - 1
             pairs, others = self._open_nodes(depth, pairs, orders)
             later.append(others)
         self._open_blocks(pairs)
@@ -150,7 +150,7 @@ def _split_nearest(pairs: Pairs, lane: NDArray[np.intp] | None, count: int) -> t
 
 
 @np.errstate(all="ignore")
-def offer_dense(tree: DenseTree, search: Search) -> None:
-    """Offer a search all triangles that its rays may hit, or settle them."""
-    if len(search.rays):
-        Walk(tree, search).run()
+def offer_dense(tree: DenseTree, query: Query) -> None:
+    """Offer a query all triangles that its rays may hit, or settle them."""
+    if len(query.rays):
+        Walk(tree, query).run()

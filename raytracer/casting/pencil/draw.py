@@ -6,7 +6,7 @@ triangles of a part are set up together, as linear functions near their boxes (`
 it (`grids`), so that hardly any pair is gathered. Large ones are cut into tiles first.
 
 What lies outside by more than its derived tolerance is dropped; what lies inside by more is certainly hit and hides
-what is less near. Pairs in doubt are offered to the search at once: waiting, they would keep tiles open. So no result
+what is less near. Pairs in doubt are offered to the query at once: waiting, they would keep tiles open. So no result
 depends on this module, only its price.
 """
 
@@ -34,7 +34,7 @@ from raytracer.casting.pencil.patches import (
     set_up_tiles,
     span_large,
 )
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 
 # Triangles of the first part, at least, and how many parts follow each other at most.
 SMALLEST_PART, PARTS = 8192, 3
@@ -55,17 +55,17 @@ class Kept(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def offer_drawn(grid: Grid, clusters: Clusters, search: Search) -> None:
-    """Settle or offer all triangles that the rays of a grid, those of the search, may hit."""
-    grid.set_ranges(search.t_min, search.best)
-    Drawing(grid, clusters, search).run()
+def offer_drawn(grid: Grid, clusters: Clusters, query: Query) -> None:
+    """Settle or offer all triangles that the rays of a grid, those of the query, may hit."""
+    grid.set_ranges(query.t_min, query.best)
+    Drawing(grid, clusters, query).run()
 
 
 class Drawing:
     """One grid of rays and the clusters that are drawn on it."""
 
-    def __init__(self, grid: Grid, clusters: Clusters, search: Search) -> None:
-        self.grid, self.clusters, self.search = grid, clusters, search
+    def __init__(self, grid: Grid, clusters: Clusters, query: Query) -> None:
+        self.grid, self.clusters, self.query = grid, clusters, query
         self.image = judge_image(grid.matrix, grid.ray_error)
         # Boxes of image points, rounded, grow by what these and rays are off; beyond the grid that does not matter.
         self.pad = np.float32(
@@ -194,9 +194,9 @@ class Drawing:
         sure, doubtful = np.flatnonzero(certain & possible), np.flatnonzero(possible & ~certain)
         ids = primitive_id.take(found.item)
         place = found.place.take(sure)
-        if self.search.any_hit:
+        if self.query.any_hit:
             grid.limit[place] = np.inf
-            self.search.settle(grid.name_rays(place), ids.take(sure).astype(np.int64))
+            self.query.settle(grid.name_rays(place), ids.take(sure).astype(np.int64))
         else:
             np.maximum.at(grid.limit, place, least.take(sure))
             self.kept.append(Kept(place, ids.take(sure), most.take(sure)))
@@ -204,16 +204,16 @@ class Drawing:
             self.doubtful.append((found.place.take(doubtful), ids.take(doubtful)))
 
     def _offer_doubtful(self) -> None:
-        """Offer pairs in doubt; what the search then knows of their rays hides what is behind."""
+        """Offer pairs in doubt; what the query then knows of their rays hides what is behind."""
         if not self.doubtful:
             return
-        grid, search = self.grid, self.search
+        grid, query = self.grid, self.query
         place, primitive_id = (np.concatenate(column) for column in zip(*self.doubtful, strict=True))
         self.doubtful = []
         ray = grid.name_rays(place).astype(np.intp)
         self.asked[place] = True
-        search.offer(ray, primitive_id.astype(np.int64))
-        limit = limit_nearness(grid.step.take(ray), search.best.take(ray))
+        query.offer(ray, primitive_id.astype(np.int64))
+        limit = limit_nearness(grid.step.take(ray), query.best.take(ray))
         grid.limit[place] = np.maximum(grid.limit.take(place), limit)
 
     def _offer(self) -> None:
@@ -227,10 +227,10 @@ class Drawing:
         alone &= ~self.asked.take(place)
         ray = self.grid.name_rays(place).astype(np.intp)
         clear, rest = np.flatnonzero(alone), np.flatnonzero(~alone)
-        self.search.settle(ray.take(clear), ids.take(clear))
+        self.query.settle(ray.take(clear), ids.take(clear))
         for start in range(0, len(rest), PAIR_BLOCK):
             some = rest[start : start + PAIR_BLOCK]
-            self.search.offer(ray.take(some), ids.take(some))
+            self.query.offer(ray.take(some), ids.take(some))
 
 
 def _join(parts: list[Found]) -> Found:

@@ -6,7 +6,7 @@ from raytracer.casting.pencil.clusters import Clusters, make_clusters
 from raytracer.casting.pencil.draw import offer_drawn
 from raytracer.casting.pencil.grids import Grid
 from raytracer.casting.primitives import Primitives
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 
 
 class DrawnOffer:
@@ -16,8 +16,8 @@ class DrawnOffer:
         self.primitives = primitives
         self.clusters: Clusters | None = None
 
-    def __call__(self, grid: Grid, search: Search) -> None:
-        """Offer a search, whose rays are the grid's, all primitives that they may hit."""
+    def __call__(self, grid: Grid, query: Query) -> None:
+        """Offer a query, whose rays are the grid's, all primitives that they may hit."""
         if self.clusters is None:
             self.clusters = make_clusters(self.primitives)
-        offer_drawn(grid, self.clusters, search)
+        offer_drawn(grid, self.clusters, query)

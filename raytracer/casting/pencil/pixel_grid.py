@@ -15,7 +15,7 @@ from raytracer.casting.pencil.jittered_grid import JitteredGrid
 from raytracer.casting.rays import Rays
 from raytracer.predicates.rounding import UNIT_ROUNDOFF
 
-# Fewer rays, or rays a row, are not worth the search for a grid.
+# Fewer rays, or rays a row, are not worth the query for a grid.
 FEWEST, NARROWEST = 64, 8
 # Two rows end within so many rays.
 WIDEST = 1 << 15

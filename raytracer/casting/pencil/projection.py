@@ -1,4 +1,4 @@
-"""The primitives of a scene as a view sees them: boxes on its image, and rows for the float32 test of `project`.
+"""The primitives of a scene as a view sees them: boxes on its image, and rows for the float32 test of `projection`.
 
 Of a triangle with projected corners h (`pencil`), the edge functions of image point (x, y) are E_i = n_i . (x, y, 1)
 and the nearness where the ray meets its plane is q = g . (x, y, 1), with

@@ -3,7 +3,7 @@
 Triangles are projected once per view (`projection`), sorted front to back and laid over the rays' grid (`screen`).
 Pairs of ray and triangle are looked at in float32: three edge functions and the nearness, each linear in the image
 point. What lies outside by more than its derived tolerance is dropped; what lies inside by more is certainly hit, and
-hides whatever is less near. The rest, little more than one candidate a ray, goes to `search`, which decides. So no
+hides whatever is less near. The rest, little more than one candidate a ray, goes to `query`, which decides. So no
 result depends on this module, only its price.
 
 Big triangles are first laid over tiles of 8 x 8 cells (as in hierarchical z-buffers: N. Greene, M. Kass and G. Miller,
@@ -37,7 +37,7 @@ from raytracer.casting.pencil.projection import (
     make_rows,
 )
 from raytracer.casting.pencil.screen import TILE, TILE_BITS, Screen
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 
 # Pairs looked at at a time: what they need fits the cache.
 PAIR_BLOCK = 8192
@@ -57,20 +57,20 @@ class Pairs(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def offer_projected(view: View, projection: Projection, search: Search, rows: slice) -> None:
-    """Offer a search, whose rays are the view's `rows`, all primitives of a projection that they may hit."""
-    Laying(view, projection, search, rows).run()
+def offer_projected(view: View, projection: Projection, query: Query, rows: slice) -> None:
+    """Offer a query, whose rays are the view's `rows`, all primitives of a projection that they may hit."""
+    Laying(view, projection, query, rows).run()
 
 
 class Laying:
     """One batch of rays and the primitives that are laid over it."""
 
-    def __init__(self, view: View, projection: Projection, search: Search, rows: slice) -> None:
+    def __init__(self, view: View, projection: Projection, query: Query, rows: slice) -> None:
         self.view = view
-        self.search = search
-        self.screen = Screen(view, rows, search.t_min, search.best)
+        self.query = query
+        self.screen = Screen(view, rows, query.t_min, query.best)
         # Seen from where rays end, the nearest hit is their last: nothing hides what they meet first.
-        self.hides = not view.pencil.arriving or search.any_hit
+        self.hides = not view.pencil.arriving or query.any_hit
         visible = self._find_visible(projection.image)
         self.primitive_id = projection.primitive_id.take(visible)
         self.image = projection.image.take(visible, axis=0)
@@ -232,9 +232,9 @@ class Laying:
             certain = inside[index] > rows[EDGE_TOLERANCE][index]
             certain &= (least > limit[index] + screen.margin.take(place)) & (most < screen.ceiling.take(place))
             sure = np.flatnonzero(certain)
-            if self.search.any_hit:
+            if self.query.any_hit:
                 screen.limit[place[sure]] = np.inf
-                self.search.settle(screen.ray.take(place[sure]), ids[sure])
+                self.query.settle(screen.ray.take(place[sure]), ids[sure])
             else:
                 np.maximum.at(screen.limit, place[sure], least[sure])
         self.kept.append(Pairs(place, ids, most, certain))
@@ -248,9 +248,9 @@ class Laying:
         place, ids = place[index], ids[index]
         certain = certain[index] & (np.bincount(place, minlength=len(self.screen.ray)).take(place) == 1)
         ray, clear, rest = self.screen.ray.take(place), np.flatnonzero(certain), np.flatnonzero(~certain)
-        self.search.settle(ray[clear], ids[clear])
+        self.query.settle(ray[clear], ids[clear])
         for part in _blocks(len(rest)):
-            self.search.offer(ray[rest[part]], ids[rest[part]])
+            self.query.offer(ray[rest[part]], ids[rest[part]])
 
     def _make_rows(self, chosen: NDArray[np.intp]) -> NDArray[np.float32]:
         """(k, 16) float32 rows of triangles of the projection."""
@@ -258,7 +258,7 @@ class Laying:
         for part in _blocks(len(chosen)):
             some = chosen[part]
             table[part] = make_rows(
-                self.view, self.search.primitives, self.primitive_id.take(some), self.image.take(some, axis=0)
+                self.view, self.query.primitives, self.primitive_id.take(some), self.image.take(some, axis=0)
             )
         return table
 

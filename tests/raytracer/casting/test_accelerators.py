@@ -15,7 +15,7 @@ from raytracer.casting.bvh.tree import NO_ITEM, REFERENCE_ROW, WIDTH, build_tree
 from raytracer.casting.caster import Caster
 from raytracer.casting.geometry import instance_corners, pack_geometry, world_corners
 from raytracer.casting.primitives import instance_bounds, make_primitives
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 from raytracer.casting.rays import make_rays
 from tests.meshes import make_grid, make_icosphere, make_soup
 
@@ -360,8 +360,8 @@ def test_rows_of_instances_are_forgotten_when_they_are_done_with(rng, monkeypatc
     instances = raytracer.Instances(np.zeros(40, np.int32), matrices)
     caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_icosphere(2))], instances=instances))
     rays = make_rays(*mixed_rays(rng, 500, matrices[:, :3, 3]))
-    search = Search(caster.primitives, rays, any_hit=False)
-    traversal = traverse.Traversal(hierarchy.build_hierarchy(caster.primitives), search)
+    query = Query(caster.primitives, rays, any_hit=False)
+    traversal = traverse.Traversal(hierarchy.build_hierarchy(caster.primitives), query)
     before = []
     enter = traversal._enter_instances
     monkeypatch.setattr(traversal, "_enter_instances", lambda: (before.append(traversal.rows.count), enter()))

@@ -14,7 +14,7 @@ from raytracer.casting.bvh import hierarchy, tree
 from raytracer.casting.geometry import pack_geometry
 from raytracer.casting.measure import TURNS, gather_lines
 from raytracer.casting.primitives import instance_bounds
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 from raytracer.casting.rays import make_rays
 from raytracer.predicates import filtered, refine
 from tests import meshes
@@ -179,23 +179,23 @@ def test_one_edge_bound_per_ray_holds_for_every_triangle(rng, monkeypatch, axes,
     caster = build_with("bvh", scene)
     assert caster.primitives.flattened.all() == (flatten_limit > 0)
     corners = exact_oracle.pack_scene(scene).corners
-    search = Search(caster.primitives, make_rays(rng.normal(size=(30, 3)) * 1e-3, rng.normal(size=(30, 3))), False)
-    for ray, axis in enumerate(search.axis):
-        line = gather_lines(search.primitives, search.rays, np.array([ray]), axis)
+    query = Query(caster.primitives, make_rays(rng.normal(size=(30, 3)) * 1e-3, rng.normal(size=(30, 3))), False)
+    for ray, axis in enumerate(query.axis):
+        line = gather_lines(query.primitives, query.rays, np.array([ray]), axis)
         relative = corners[:, :, TURNS[axis]] - line[:3, 0]
         a, b = relative[:, 0].T, relative[:, 1].T
         bound = filtered.edge_error(a, b, line[6:])
-        assert (bound <= search._bound_edges(line, axis)).all()
+        assert (bound <= query._bound_edges(line, axis)).all()
 
 
 def test_candidates_at_one_distance_stay_until_the_lowest_index_is_chosen():
     """Bounds of zero, as they could only be: two candidates that touch each other's bounds are both kept."""
     caster = build_with("bvh", mesh_scene(*[meshes.make_quad()] * 2))
-    search = Search(caster.primitives, make_rays((0.25, 0.125, 1.0), (0.0, 0.0, -1.0), t_max=1.0), any_hit=False)
+    query = Query(caster.primitives, make_rays((0.25, 0.125, 1.0), (0.0, 0.0, -1.0), t_max=1.0), any_hit=False)
     one, yes = np.ones(2), np.ones(2, dtype=bool)
-    search._weigh(np.zeros(2, np.intp), np.array([2, 0]), one, one * 0, yes, yes.copy())
-    assert sorted(search._remaining().primitive_id.tolist()) == [0, 2]
-    assert search.closest().instance.tolist() == [0]
+    query._weigh(np.zeros(2, np.intp), np.array([2, 0]), one, one * 0, yes, yes.copy())
+    assert sorted(query._remaining().primitive_id.tolist()) == [0, 2]
+    assert query.closest().instance.tolist() == [0]
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -210,10 +210,10 @@ def test_faces_in_one_axis_plane_tie_without_integers(rng, axis):
     below = (jitter[:, 0] + (0.3, -0.2, -3.0))[:, turn]
     up = (jitter[:, 1] + (0.0, 0.0, 1.0))[:, turn]
     caster = build_with("bvh", mesh_scene(*faces[:2]))
-    search = Search(caster.primitives, make_rays(below, up), any_hit=False)
-    caster.offer(search)
-    assert search.closest().instance.tolist() == [0] * 200
-    assert search.exact_count == 0
+    query = Query(caster.primitives, make_rays(below, up), any_hit=False)
+    caster.offer(query)
+    assert query.closest().instance.tolist() == [0] * 200
+    assert query.exact_count == 0
     caster = build_with("bvh", mesh_scene(*faces))
     judge(caster, below, up)
     judge(caster, below + 6.0 * up, -up)
@@ -244,10 +244,10 @@ def test_rays_that_start_in_an_axis_plane_need_no_integers(rng, axis):
     caster = build_with("bvh", mesh_scene((floor[:, turn], triangles)))
     origins = np.column_stack([rng.uniform(-2, 2, (200, 2)), np.full(200, 0.1)])[:, turn]
     directions = rng.normal(size=(200, 3))
-    search = Search(caster.primitives, make_rays(origins, directions), any_hit=False)
-    caster.offer(search)
-    assert search.closest().hit.any()
-    assert search.exact_count == 0
+    query = Query(caster.primitives, make_rays(origins, directions), any_hit=False)
+    caster.offer(query)
+    assert query.closest().hit.any()
+    assert query.exact_count == 0
     judge(caster, origins, directions)
     judge(caster, origins, directions, t_min=1e-300)
     # A plane that is off by the least there is: t = 0 is not certain, and not the answer.

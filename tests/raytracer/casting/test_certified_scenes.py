@@ -15,7 +15,7 @@ Mutations that were tried, and what turned red (here: this file; L: limits, P: p
                  exact vertex: without low parts, remainder, underflow  L, points passed by rounding
     exact        t_min or t_max exclusive; ties to the last             here
                  no error below the least float; t_max = -inf ignored   L, underflow and overflow
-    search       ties to the last; all certain candidates tied          here
+    query       ties to the last; all certain candidates tied          here
                  pool keeps low < best instead of <=                    L, candidates at one distance
                  best lowered to t instead of t's upper bound           here, along axes
                  candidates in doubt count as any hit                   L, edges that pairs leave in doubt

@@ -8,7 +8,7 @@ import pytest
 import raytracer
 from raytracer.casting.brute_force import offer_all
 from raytracer.casting.measure import measure_block
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 from raytracer.casting.rays import make_rays
 from raytracer.predicates import double_double as dd
 from raytracer.predicates import filtered
@@ -81,12 +81,12 @@ def test_hits_do_not_depend_on_the_order_in_which_they_were_found(rng, precision
     caster = replace(raytracer.build(raytracer.Scene(meshes=meshes, spheres=[spheres]), precision), offer=offer_all)
     origins = rng.normal(size=(700, 3)) * 3
     rays = make_rays(origins, rng.normal(size=(700, 3)) * 0.5 - origins)
-    search = Search(caster.primitives, rays, any_hit=False)
-    offer_all(search)
-    true = search.closest()
+    query = Query(caster.primitives, rays, any_hit=False)
+    offer_all(query)
+    true = query.closest()
     triangle = np.flatnonzero(true.hit & (true.instance < 2))
     ids = caster.geometry.first_id[true.instance[triangle]] + true.primitive[triangle]
-    settled = Search(caster.primitives, rays, any_hit=False)
+    settled = Query(caster.primitives, rays, any_hit=False)
     order = rng.permutation(len(triangle))
     for part in (order[::2], order[1::2]):
         settled.settle(triangle[part], ids[part])

@@ -11,7 +11,7 @@ from raytracer.casting.brute_force import offer_all
 from raytracer.casting.caster import Caster
 from raytracer.casting.geometry import world_corners
 from raytracer.casting.primitives import make_primitives
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 from raytracer.casting.rays import make_rays
 
 FIELDS = ("distance", "distance_error", "instance", "primitive", "barycentric", "valid")
@@ -143,9 +143,9 @@ def test_ties_of_planes_need_no_integers(rng):
     caster = raytracer.build(raytracer.Scene(meshes=meshes))
     rays = make_rays(np.zeros((500, 3)), np.column_stack([rng.uniform(-0.4, 0.4, size=(500, 2)), np.ones(500)]))
     first = caster.closest_hit(rays.origins, rays.directions)
-    search = Search(caster.primitives, replace(rays, after=first), any_hit=False)
-    caster.offer(search)
-    second = search.closest()
+    query = Query(caster.primitives, replace(rays, after=first), any_hit=False)
+    caster.offer(query)
+    second = query.closest()
     assert (first.instance == 0).all()
     assert (second.instance == 1).all()
-    assert search.exact_count == 0
+    assert query.exact_count == 0

@@ -25,10 +25,10 @@ FRAME, INSIDE = 0.9999, 0.999
 
 
 def prepare(frame, origins, directions):
-    """`prepare_rays` without a search; also what it tells the decisions: the unit of t."""
+    """`prepare_rays` without a query; also what it tells the decisions: the unit of t."""
     unit = np.empty(len(origins))
     decisions = SimpleNamespace(
-        search=SimpleNamespace(rays=make_rays(origins, directions)),
+        query=SimpleNamespace(rays=make_rays(origins, directions)),
         set_rays=lambda rows, origin, direction, part: unit.__setitem__(rows, part),
     )
     with np.errstate(all="ignore"):

@@ -199,7 +199,7 @@ def test_rays_are_culled(rng):
     rays = meshes.random_rays(rng, 4000)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(raytracer.casting.dense.walk.Walk, "_open_blocks", _counting(opened))
-        patch.setattr(raytracer.casting.query.Search, "offer", lambda self, ray, item: offered.append(len(ray)) or ray)
+        patch.setattr(raytracer.casting.query.Query, "offer", lambda self, ray, item: offered.append(len(ray)) or ray)
         caster.closest_hit(*rays)
     assert sum(opened) < 0.05 * 4000 * len(tree.items)
     assert sum(offered) < 0.02 * 4000

@@ -11,7 +11,7 @@ from raytracer.casting.pencil.pencil import find_pencil, make_views
 from raytracer.casting.pencil.projection import project
 from raytracer.casting.pencil.rasterize import offer_projected
 from raytracer.casting.pencil.screen import Screen
-from raytracer.casting.query import Search
+from raytracer.casting.query import Query
 from raytracer.casting.rays import make_rays
 from tests import meshes
 from tests.oracle.judging import assert_same_hits, judge, mesh_scene
@@ -173,11 +173,11 @@ def test_candidates_are_few(rng):
     rays = make_rays((0.0, -4.0, 0.0), directions)
     primitives = raytracer.build(scene).primitives
     offered = []
-    search = Search(primitives, rays, any_hit=False)
-    search.offer = lambda ray, primitive_id: offered.append(len(ray)) or Search.offer(search, ray, primitive_id)
+    query = Query(primitives, rays, any_hit=False)
+    query.offer = lambda ray, primitive_id: offered.append(len(ray)) or Query.offer(query, ray, primitive_id)
     [view] = make_views(find_pencil(rays), rays, 1.0)
-    offer_projected(view, project(view, primitives), search, slice(0, len(rays)))
-    assert sum(offered) < 1.1 * search.closest().hit.sum()
+    offer_projected(view, project(view, primitives), query, slice(0, len(rays)))
+    assert sum(offered) < 1.1 * query.closest().hit.sum()
 
 
 def test_pencils_are_told_apart(rng):
