@@ -1,7 +1,7 @@
 """What stands where: one walk over the depsgraph's object instances.
 
-An iterator's items die with its next step, so the walk turns each distinct combination of object, instancer and
-data into a Part and copies matrices as it goes: reading all at once with `foreach_get` leaks memory in Blender 4.2.
+An iterator's items die with its next step, so the walk turns each distinct combination of object, instancer and data
+into an ObjectEntry and copies matrices as it goes: reading all at once with `foreach_get` leaks memory in Blender 4.2.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class ObjectKey(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Part:
+class ObjectEntry:
     """What all instances of one object, instancer and data share: a mesh, or points with their material, or a light.
 
     terminator : Blender's offsets of the shadow terminator, of geometry and of shading
@@ -71,13 +71,14 @@ class Part:
     terminator: tuple[float, float] = (0.0, 0.0)
 
 
-# What a Part is called from one extraction to the next: `session_uid` of object and instancer, the data's address.
+# What an ObjectEntry is called from one extraction to the next: `session_uid` of object and instancer, the data's
+# address.
 PartKey = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
 class PartEntry:
-    """A Part, and what its numbers stand for.
+    """An ObjectEntry, and what its numbers stand for.
 
     mesh : its mesh, or None for points
     materials : `session_uid` of the material of each used slot, 0 for the default grey
@@ -85,7 +86,7 @@ class PartEntry:
     sources : `session_uid` of the other data-blocks that it was read from
     """
 
-    part: Part
+    part: ObjectEntry
     mesh: MeshEntry | None
     materials: tuple[int, ...]
     attributes: tuple[str, ...]
@@ -104,7 +105,7 @@ class Placements:
     """The parts and how they are linked, and of each instance worth keeping the number of its part, its (4, 4) matrix
     in the world, and random number."""
 
-    parts: list[Part] = field(default_factory=list)
+    parts: list[ObjectEntry] = field(default_factory=list)
     links: list[Linked] = field(default_factory=list)
     part: list[int] = field(default_factory=list)
     world_from_object: list[NDArray[np.float64]] = field(default_factory=list)
@@ -113,7 +114,7 @@ class Placements:
 
 @dataclass(frozen=True)
 class Context:
-    """What a Part is made with; `materials` is None where only geometry is wanted, `space` the viewport or None.
+    """What an entry is made with; `materials` is None where only geometry is wanted, `space` the viewport or None.
 
     kept : the last extraction
     entries : what this one leaves to the next
@@ -178,7 +179,7 @@ def hash_name(name: str) -> float:
     return float(hash_words(word, 0)) / LARGEST_WORD
 
 
-def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part | None:
+def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> ObjectEntry | None:
     """Return what to show of an object, or None; as in the last extraction where nothing of it changed."""
     if shown.type not in ("MESH", "POINTCLOUD"):
         return make_other_part(shown, source, context)
@@ -197,7 +198,7 @@ def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
 
 
 def renew_part(last: PartEntry, source: Any, context: Context) -> PartEntry | None:
-    """Return a Part of the last extraction with this one's numbers, or None where something of it may have changed."""
+    """Return an ObjectEntry of the last extraction with this one's numbers, or None where it may have changed."""
     kept, materials = context.kept, context.materials
     if materials is None or not kept.trusts_parts or not kept.trusts(*last.sources):
         return None
@@ -221,7 +222,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
     context.warnings.include(own.records)
     if not seen_by or (shown.type == "POINTCLOUD" and points is None):
         return None
-    part = Part(
+    part = ObjectEntry(
         object=ObjectKey(source.name_full, source.original.session_uid),
         pass_index=shown.pass_index,
         holdout=instancer.holdout_get(view_layer=context.view_layer),
@@ -254,8 +255,8 @@ def identify(materials: tuple[int, ...], context: Context) -> tuple[int, ...]:
     return tuple(context.materials.find_identity(index) for index in materials) if context.materials else ()
 
 
-def make_other_part(shown: Any, source: Any, context: Context) -> Part | None:
-    """Return a light's Part, or None for what is not shown."""
+def make_other_part(shown: Any, source: Any, context: Context) -> ObjectEntry | None:
+    """Return a light's ObjectEntry, or None for what is not shown."""
     if shown.type in UNSUPPORTED_TYPES:
         kind, filter_name = UNSUPPORTED_TYPES[shown.type]
         if not filter_name or getattr(context.view_layer, filter_name):
@@ -271,13 +272,13 @@ def find_materials(shown: Any, source: Any, used_slots: tuple[int, ...], context
     return context.materials.find_slots(shown.material_slots, used_slots, override, source.name)
 
 
-def make_light_part(shown: Any, source: Any, context: Context) -> Part | None:
+def make_light_part(shown: Any, source: Any, context: Context) -> ObjectEntry | None:
     if context.materials is None:
         return None
     seen_by = sum(SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name))
     if not seen_by & ~SEEN_BY["shadow"]:
         return None
-    return Part(
+    return ObjectEntry(
         object=ObjectKey(source.name_full, source.original.session_uid),
         pass_index=shown.pass_index,
         color=tuple(shown.color),

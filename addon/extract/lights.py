@@ -18,10 +18,10 @@ from raytracer.scene.lights import Light, LightNodes
 from raytracer.scene.programs import Program, Register, Value
 
 from .. import versions
-from .instances import Part
+from .instances import ObjectEntry
 from .shaders.images import ImageTable
 from .shaders.materials import read_shine
-from .shaders.nodes import Color, Place
+from .shaders.nodes import Color, WarningContext
 from .shaders.programs import ProgramBuilder
 from .warnings import WarningList
 
@@ -29,10 +29,10 @@ Matrix = NDArray[np.float64]
 
 
 def extract_light(
-    part: Part, world_from_light: Matrix, random: float, warnings: WarningList, images: ImageTable
+    part: ObjectEntry, world_from_light: Matrix, random: float, warnings: WarningList, images: ImageTable
 ) -> Light | None:
     """Return one light placed by a (4, 4) matrix, or None where it emits nothing; random : the instance's number."""
-    light, place = part.light, Place(warnings, object=part.object.name)
+    light, place = part.light, WarningContext(warnings, object=part.object.name)
     if light.type == "AREA" and versions.is_portal(light):
         return None  # a portal guides Cycles' sampling of the world and adds no light
     settings = versions.read_light_settings(light)
@@ -84,12 +84,12 @@ def read_bulb(light: Any, normalize: bool, power: Color) -> tuple[float, Color]:
     return radius, power if normalize else power * area
 
 
-def make_point(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: Place) -> Any:
+def make_point(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: WarningContext) -> Any:
     radius, power = read_bulb(light, normalize, power)
     return raytracer.PointLight(matrix[:3, 3], power, radius, light.use_soft_falloff, **common)
 
 
-def make_spot(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: Place) -> Any:
+def make_spot(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: WarningContext) -> Any:
     if np.linalg.det(matrix[:3, :3]) == 0:
         place.warn("a spot light scaled to zero is left out")
         return None
@@ -106,7 +106,7 @@ def make_spot(light: Any, matrix: Matrix, power: Color, normalize: bool, common:
     )
 
 
-def make_sun(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: Place) -> Any:
+def make_sun(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: WarningContext) -> Any:
     if not matrix[:3, 2].any():
         place.warn("a sun scaled to zero has no direction and is left out")
         return None
@@ -116,7 +116,7 @@ def make_sun(light: Any, matrix: Matrix, power: Color, normalize: bool, common: 
     return raytracer.SunLight(matrix[:3, 2], strength, angle, **common)
 
 
-def make_area(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: Place) -> Any:
+def make_area(light: Any, matrix: Matrix, power: Color, normalize: bool, common: Any, place: WarningContext) -> Any:
     height = light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else light.size
     axis_u, axis_v = matrix[:3, 0] * light.size, matrix[:3, 1] * height
     if np.linalg.det(matrix[:3, :3]) < 0:

@@ -25,7 +25,7 @@ States = tuple[str | None, ...]
 
 @dataclass(frozen=True)
 class Linked:
-    """What tells how a Part is linked: original objects, and the collection of what it lights or None for all."""
+    """What tells how an object is linked: original objects, and the collection of what it lights or None for all."""
 
     source: Any
     instancer: Any
@@ -34,7 +34,7 @@ class Linked:
 
 @dataclass(frozen=True)
 class LinkSets:
-    """The set that a Part belongs to, and the sets that it lights, as bits."""
+    """The set that an ObjectEntry belongs to, and the sets that it lights, as bits."""
 
     light_set: int = 0
     receivers: int = ALL_SETS

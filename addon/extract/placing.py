@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import raytracer
 from raytracer.scene.lights import Light
 
-from .instances import ObjectKey, Part, Placements
+from .instances import ObjectEntry, ObjectKey, Placements
 from .lights import extract_light
 from .linking import make_link_sets
 from .shaders.images import ImageTable
@@ -74,13 +74,13 @@ def place_parts(
     return Placed(instances, tuple(spheres), tuple(lights), objects)
 
 
-def _gather_offset(parts: list[Part], number: int) -> NDArray[np.float64] | None:
+def _gather_offset(parts: list[ObjectEntry], number: int) -> NDArray[np.float64] | None:
     """Return an offset of the shadow terminator of each part; None where all are 0."""
     offset = np.array([part.terminator[number] for part in parts])
     return offset if offset.any() else None
 
 
-def place_points(part: Part, world_from_object: NDArray[np.float64], warnings: WarningList) -> raytracer.Spheres:
+def place_points(part: ObjectEntry, world_from_object: NDArray[np.float64], warnings: WarningList) -> raytracer.Spheres:
     """Return a point cloud as true spheres in world space.
 
     Under non-uniform scale the points would be ellipsoids: they become spheres of the same volume, with a warning.

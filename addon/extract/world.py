@@ -15,7 +15,7 @@ from raytracer.scene.programs import Program, Register
 from .. import versions
 from .shaders.images import ImageTable
 from .shaders.materials import read_shine
-from .shaders.nodes import Place, read_color
+from .shaders.nodes import WarningContext, read_color
 from .shaders.programs import ProgramBuilder
 from .warnings import WarningList
 
@@ -27,7 +27,7 @@ def extract_world(world: Any, warnings: WarningList, images: ImageTable | None =
     node_tree = versions.find_node_tree(world)
     if node_tree is None:
         return raytracer.World(read_color(world.color), seen_by=find_world_visibility(world))
-    place = Place(warnings, prefix=f"world '{world.name}': ")
+    place = WarningContext(warnings, prefix=f"world '{world.name}': ")
     output = versions.find_output_node(node_tree)
     if output is None:
         return None

@@ -30,7 +30,7 @@ SHARED_TRIANGLES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Cast:
+class RayCastResult:
     """The results of n rays: those of Scene.ray_cast, in its order, as arrays.
 
     result : (n,) bool, True where the ray hits
@@ -62,7 +62,7 @@ class Cast:
         return self.matrices[self.placement]
 
 
-def ray_cast(depsgraph: Any, origins: ArrayLike, directions: ArrayLike, distance: ArrayLike = np.inf) -> Cast:
+def ray_cast(depsgraph: Any, origins: ArrayLike, directions: ArrayLike, distance: ArrayLike = np.inf) -> RayCastResult:
     """Cast many rays into a scene, as `Scene.ray_cast(depsgraph, origin, direction, distance=...)` casts one.
 
     What is hit first is decided as exact arithmetic on the evaluated meshes would; the rays are not rounded to float32.
@@ -75,7 +75,7 @@ def ray_cast(depsgraph: Any, origins: ArrayLike, directions: ArrayLike, distance
 
     Returns
     -------
-    Cast of n rays. NaN, infinite or zero-direction rays miss.
+    RayCastResult of n rays. NaN, infinite or zero-direction rays miss.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def ray_cast(depsgraph: Any, origins: ArrayLike, directions: ArrayLike, distance
     object_of_placement = np.array([*(number[shown] for shown in originals), -1], dtype=np.int32)
     matrices = np.concatenate([held.world_from_object, np.eye(4)[np.newaxis]])
     placed = object_of_placement[hits.instance]
-    return Cast(hits.hit, location, normal, index, placed, objects, hits.instance, matrices)
+    return RayCastResult(hits.hit, location, normal, index, placed, objects, hits.instance, matrices)
 
 
 def limit_rays(rays: Rays, distance: ArrayLike) -> Rays:

@@ -26,7 +26,7 @@ from raytracer.scene.fields import SEEN_BY
 from raytracer.scene.scene import Scene
 
 # Closest hits of n rays that belong to the (n,) classes of rays, as bits of SEEN_BY.
-Cast = Callable[[Rays, Masks], Hits]
+CastRays = Callable[[Rays, Masks], Hits]
 
 
 class RayCaster(Protocol):
@@ -58,7 +58,7 @@ def classify_shadows(rays: Rays) -> Masks:
     return np.full(len(rays), SEEN_BY["shadow"], dtype=np.uint8)
 
 
-def make_cast(caster: RayCaster, visibility: Masks | None, order: Order | None = None) -> Cast:
+def make_cast(caster: RayCaster, visibility: Masks | None, order: Order | None = None) -> CastRays:
     """Return the function that casts rays of any class.
 
     visibility : of each instance and group of spheres, the classes that see it, as bits; None where all see all

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Masks
-from raytracer.casting.ray_visibility import Cast, RayCaster, SceneCaster, make_cast
+from raytracer.casting.ray_visibility import CastRays, RayCaster, SceneCaster, make_cast
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.passes import PASSES
 from raytracer.integrator.features import Features, derive_features
@@ -76,7 +76,7 @@ class Integrator:
     catchers_only : the stages of the scene without all but its shadow catchers, or None
     """
 
-    cast: Cast
+    cast: CastRays
     settings: Settings
     tables: SurfaceTables
     materials: MaterialTable

@@ -16,7 +16,7 @@ from raytracer.arrays.rows import any_column
 from raytracer.arrays.types import Booleans, Floats, Indices, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.casting.order import Order
-from raytracer.casting.ray_visibility import Cast, RayCaster, find_any
+from raytracer.casting.ray_visibility import CastRays, RayCaster, find_any
 from raytracer.casting.rays import Rays, join_rays
 from raytracer.integrator.light_sources import ALONE
 from raytracer.lecture import length
@@ -128,7 +128,7 @@ def _split_by_key(key: Keys) -> Iterator[Indices | slice]:
     yield from np.split(order, ends)
 
 
-def opaque_visibility(caster: RayCaster, cast: Cast | None = None, order: Order | None = None) -> Visibility:
+def opaque_visibility(caster: RayCaster, cast: CastRays | None = None, order: Order | None = None) -> Visibility:
     """Shadow rays where every surface stops the light: (n, 1), 1 or 0.
 
     cast : needed where some objects throw no shadows
@@ -143,7 +143,7 @@ def opaque_visibility(caster: RayCaster, cast: Cast | None = None, order: Order 
     return see
 
 
-def transparent_visibility(cast: Cast, tables: SurfaceTables, materials: MaterialTable, most: int) -> Visibility:
+def transparent_visibility(cast: CastRays, tables: SurfaceTables, materials: MaterialTable, most: int) -> Visibility:
     """Shadow rays that pass through transparent surfaces: (n, 3), the share of light that is left.
 
     most : straight passages that a path may make together with its shadow ray
@@ -151,7 +151,9 @@ def transparent_visibility(cast: Cast, tables: SurfaceTables, materials: Materia
     return partial(_see_through, cast, tables, materials, most)
 
 
-def _see_through(cast: Cast, tables: SurfaceTables, materials: MaterialTable, most: int, shadows: Shadows) -> Floats:
+def _see_through(
+    cast: CastRays, tables: SurfaceTables, materials: MaterialTable, most: int, shadows: Shadows
+) -> Floats:
     left = np.ones((len(shadows.rays), 3))
     rows, passed = np.arange(len(shadows.rays)), 0
     while len(rows):

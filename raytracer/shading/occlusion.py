@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import to_world
 from raytracer.casting.order import Order
-from raytracer.casting.ray_visibility import Cast, RayCaster, classify_shadows, find_closest
+from raytracer.casting.ray_visibility import CastRays, RayCaster, classify_shadows, find_closest
 from raytracer.casting.rays import Rays
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import sample_cosine_hemisphere
@@ -31,7 +31,7 @@ Objects = NDArray[np.int32]
 OcclusionTest = Callable[[Rays, Objects | None], Booleans]
 
 
-def make_occlusion_test(caster: RayCaster, cast: Cast, order: Order | None = None) -> OcclusionTest:
+def make_occlusion_test(caster: RayCaster, cast: CastRays, order: Order | None = None) -> OcclusionTest:
     """Return the function that tells which rays are blocked; `cast` tells what shadow rays see."""
 
     def block(rays: Rays, objects: Objects | None) -> Booleans:

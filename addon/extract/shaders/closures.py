@@ -16,7 +16,7 @@ from raytracer.scene.programs import Register, Value
 
 from ... import versions
 from .node_settings import GENERATED
-from .nodes import Groups, Place, find_link, find_socket, find_source, read_color, read_number
+from .nodes import Groups, WarningContext, find_link, find_socket, find_source, read_color, read_number
 from .programs import ProgramBuilder
 
 GREY = 0.8  # what Cycles gives an object without a material
@@ -44,7 +44,7 @@ class NodeInputs:
         self.node, self.groups, self.builder = node, groups, builder
 
     @property
-    def place(self) -> Place:
+    def place(self) -> WarningContext:
         return self.builder.place
 
     def color(self, identifier: str) -> Value:

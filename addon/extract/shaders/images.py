@@ -29,7 +29,7 @@ from ... import versions
 from ..kept import Kept
 from .color_spaces import find_decoder
 from .image_frames import find_path, open_frame
-from .nodes import Place
+from .nodes import WarningContext
 
 Pixels = NDArray[Any]
 # An image's `session_uid`, and the path of its frame, which is empty but for sequences.
@@ -57,7 +57,7 @@ class ImageTable:
         # Those that may be kept: a warning would be lost.
         self.silent: dict[ImageKey, Image | None] = {}
 
-    def find_image(self, image: Any, user: Any, node: str, place: Place) -> Image | None:
+    def find_image(self, image: Any, user: Any, node: str, place: WarningContext) -> Image | None:
         """Return an image as the tracer's, or None, which shows magenta, for none; magenta in its own color space for
         one whose file is missing.
 
@@ -82,7 +82,7 @@ class ImageTable:
             return MAGENTA if image.colorspace_settings.name == "sRGB" else None
         return found
 
-    def _read(self, image: Any, path: str, place: Place) -> Image | None:
+    def _read(self, image: Any, path: str, place: WarningContext) -> Image | None:
         if not path:
             return extract_image(image, place)
         with open_frame(image, path) as frame:
@@ -94,7 +94,7 @@ def is_associated(image: Any) -> bool:
     return image is not None and not image.colorspace_settings.is_data and image.alpha_mode not in UNASSOCIATED_MODES
 
 
-def extract_image(image: Any, place: Place) -> Image | None:
+def extract_image(image: Any, place: WarningContext) -> Image | None:
     """Return an image's pixels, or None where they cannot be read."""
     if image.source == "MOVIE":
         place.warn(f"image '{image.name}': movies are not supported, only a frame that is loaded is shown")
@@ -175,7 +175,7 @@ def associate(pixels: Pixels) -> Pixels:
     return pixels
 
 
-def decode(pixels: Pixels, image: Any, place: Place) -> Image:
+def decode(pixels: Pixels, image: Any, place: WarningContext) -> Image:
     """Return bytes in an image's color space; all but sRGB and data become scene linear floats before interpolation."""
     name = image.colorspace_settings.name
     if image.colorspace_settings.is_data:

@@ -23,7 +23,7 @@ from ..warnings import Warning, WarningList
 from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
 from .node_settings import DEFAULT_UV
-from .nodes import Groups, Place, Source, find_link, find_source, identify, read_color, read_links_once
+from .nodes import Groups, Source, WarningContext, find_link, find_source, identify, read_color, read_links_once
 from .programs import ProgramBuilder
 
 # Pixels between the places where Cycles takes the height of a displacement, whatever Bump nodes say.
@@ -149,7 +149,7 @@ def extract_material(material: Any, object_name: str, images: ImageTable, warnin
 
     Without nodes it is diffuse of the viewport color, as in Cycles.
     """
-    builder = ProgramBuilder(Place(warnings, object_name, material.name), images, material.pass_index)
+    builder = ProgramBuilder(WarningContext(warnings, object_name, material.name), images, material.pass_index)
     node_tree = versions.find_node_tree(material)
     if node_tree is None:
         closures = [raytracer.Closure("diffuse", color=read_color(material.diffuse_color))]

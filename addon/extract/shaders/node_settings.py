@@ -16,7 +16,7 @@ from raytracer.shading.nodes.ramps import TABLE_SIZE
 
 from ... import versions
 from .images import ImageTable, is_associated
-from .nodes import Groups, Place, find_link, find_socket
+from .nodes import Groups, WarningContext, find_link, find_socket
 from .skies import read_daylight_settings, read_sky_settings
 
 # The attributes that Blender's nodes read without naming them.
@@ -28,7 +28,7 @@ Settings = dict[str, Any]
 class Builder(Protocol):
     """What readers of settings ask of the builder of a program, `programs.ProgramBuilder`."""
 
-    place: Place
+    place: WarningContext
     images: ImageTable
     pass_index: int
 

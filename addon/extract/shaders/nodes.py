@@ -26,7 +26,7 @@ LUMINANCE = np.array((0.2126, 0.7152, 0.0722))
 Groups = tuple[Any, ...]
 
 
-class Place(NamedTuple):
+class WarningContext(NamedTuple):
     """Where nodes are used, for warnings; `prefix` begins the text where neither object nor material says it."""
 
     warnings: WarningList

@@ -16,7 +16,7 @@ from raytracer.shading.evaluate import OPERATIONS, fold_step, make_constant
 
 from .images import ImageTable
 from .node_settings import find_passed, read_settings
-from .nodes import Groups, Place, find_link, find_socket, identify, pass_through, read_number
+from .nodes import Groups, WarningContext, find_link, find_socket, identify, pass_through, read_number
 from .skies import SKY_TYPES
 
 # Blender's types of sockets, as kinds of values.
@@ -95,7 +95,7 @@ class ProgramBuilder:
     """Collects the steps of one material's program; shaders ask `value_of` for what their sockets carry."""
 
     def __init__(
-        self, place: Place, images: ImageTable, pass_index: int = 0, outer: ProgramBuilder | None = None
+        self, place: WarningContext, images: ImageTable, pass_index: int = 0, outer: ProgramBuilder | None = None
     ) -> None:
         self.place, self.images, self.pass_index = place, images, pass_index
         self.steps: list[Step] = []

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from addon.extract.shaders.color_spaces import LINEAR_SPACES, REC709, find_decoder, xyz_from_linear
 from addon.extract.shaders.images import ImageTable, associate, drop_infinities, extract_image, read_floats
-from addon.extract.shaders.nodes import Place
+from addon.extract.shaders.nodes import WarningContext
 from addon.extract.warnings import WarningList
 from addon.versions import set_image_format
 from raytracer.textures.image import decode_srgb
@@ -29,8 +29,8 @@ def warnings(empty_scene: Any) -> WarningList:
     return WarningList()
 
 
-def place(warnings: WarningList) -> Place:
-    return Place(warnings, "Object", "Material")
+def place(warnings: WarningList) -> WarningContext:
+    return WarningContext(warnings, "Object", "Material")
 
 
 def make_pixels(opaque: bool = True) -> np.ndarray:
@@ -201,7 +201,7 @@ def test_a_large_image_takes_little_more_memory_than_itself(empty_scene: Any) ->
     side = 1024
     image = bpy.data.images.new("Large", side, side, alpha=True)
     tracemalloc.start()
-    extract_image(image, Place(WarningList()))
+    extract_image(image, WarningContext(WarningList()))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1.25 * side * side * (16 + 4)
@@ -210,7 +210,7 @@ def test_a_large_image_takes_little_more_memory_than_itself(empty_scene: Any) ->
 def test_what_is_not_finite_in_a_float_image_is_black(empty_scene: Any) -> None:
     image = bpy.data.images.new("Float", 2, 1, alpha=True, float_buffer=True)
     image.pixels = [np.nan, 0.5, 2.0, 1.0, 0.25, 0.0, 0.0, 1.0]
-    found = extract_image(image, Place(WarningList()))
+    found = extract_image(image, WarningContext(WarningList()))
     assert found is not None
     assert_array_equal(found.pixels[0], [(0.0, 0.5, 2.0, 1.0), (0.25, 0.0, 0.0, 1.0)])
     assert_array_equal(drop_infinities(np.array([np.inf, -np.inf, np.nan, -1.0, 1e38])), [0.0, 0.0, 0.0, -1.0, 1e38])
