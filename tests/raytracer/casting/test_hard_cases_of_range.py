@@ -38,7 +38,8 @@ def build(request):
 
 
 def select_hits(hits, index):
-    return raytracer.Hits(*(getattr(hits, name)[index] for name in raytracer.Hits.__slots__))
+    found = (getattr(hits, name) for name in raytracer.Hits.__slots__)
+    return raytracer.Hits(*(None if values is None else values[index] for values in found))
 
 
 def surfaces_of(caster, origins, directions, hits):
