@@ -41,16 +41,21 @@ def open_scene(name, persistent=True, size=(WIDTH, HEIGHT), integrator="DIRECT")
     import addon
     from addon.compare.cycles.rendering import changed, matched_settings
 
-    if not hasattr(bpy.types.Scene, "reference_raytracer"):
+    was_registered = hasattr(bpy.types.Scene, "reference_raytracer")
+    if not was_registered:
         addon.register()
-    bpy.ops.wm.open_mainfile(filepath=str(SCENES / f"{name}.blend"), load_ui=False)
-    scene, view_layer = bpy.context.scene, bpy.context.view_layer
-    request = replace(make_request(scene, 1), width=size[0], height=size[1], integrator=integrator)
-    with (
-        matched_settings(scene, view_layer, request),
-        changed(scene.render, use_persistent_data=persistent),
-    ):
-        yield scene, view_layer
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(SCENES / f"{name}.blend"), load_ui=False)
+        scene, view_layer = bpy.context.scene, bpy.context.view_layer
+        request = replace(make_request(scene, 1), width=size[0], height=size[1], integrator=integrator)
+        with (
+            matched_settings(scene, view_layer, request),
+            changed(scene.render, use_persistent_data=persistent),
+        ):
+            yield scene, view_layer
+    finally:
+        if not was_registered:  # tests that come after register it themselves
+            addon.unregister()
 
 
 def make_request(scene, samples, seed=0):

@@ -265,7 +265,7 @@ def test_session_says_what_is_wrong_and_goes_on_afterwards(watch: Watch, stage: 
         window_matrix=np.diag([1.0, 1.0, -1.0, 1.0]), view_matrix=np.eye(4), view_perspective="CAMERA"
     )
     watch.session.look(make_region(24, 16), data, watch.space, update(), 1)
-    assert watch.session.status.startswith("Error: Camera 'Camera' has a scale of [0.0, 1.0, 1.0]")
+    assert watch.session.status.startswith("Error: Camera 'Camera' has a scale of (0, 1, 1)")
     stage.camera.scale = (1.0, 1.0, 1.0)
     watch.look()
     np.testing.assert_array_equal(watch.wait(), render_stage())
