@@ -219,7 +219,7 @@ def test_point_clouds_read_of_instances_what_they_do_in_cycles(empty_scene: Any,
     points.color, points["grade"] = (0.25, 0.5, 0.75, 0.5), [0.1, 0.6, 0.3]
     instance_collections(empty_scene, points)
     for number, item in enumerate(item for item in bpy.data.objects if item.name.startswith("Instancer")):
-        item["shared"] = 0.02 * number
+        item["shared"], item.color = 0.02 * number, (0.01 * number, 0.5, 0.25, 1.0)
     size = COLUMNS * CELL
     ours, warnings = render_centres(size, size)
     assert not warnings
