@@ -16,6 +16,8 @@ from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.textures.noise import hash_words
 
 from .. import versions
+from .custom_properties import Color
+from .instance_properties import InstanceReader
 from .kept import Kept
 from .linking import Linked, read_linking
 from .mesh_table import MeshEntry, MeshTable
@@ -55,6 +57,7 @@ class ObjectEntry:
 
     terminator : Blender's offsets of the shadow terminator, of geometry and of shading
     random : Blender's number for the object, 0 to 1, where it is no instance
+    properties : names of those that its materials read of instances
     """
 
     object: ObjectKey
@@ -69,6 +72,7 @@ class ObjectEntry:
     light: Any = None
     random: float = 0.0
     terminator: tuple[float, float] = (0.0, 0.0)
+    properties: frozenset[str] = frozenset()
 
 
 # What an ObjectEntry is called from one extraction to the next: `session_uid` of object and instancer, the data's
@@ -103,13 +107,14 @@ class PartEntry:
 @dataclass
 class Placements:
     """The parts and how they are linked, and of each instance worth keeping the number of its part, its (4, 4) matrix
-    in the world, and random number."""
+    in the world, random number, and what its materials read of it by name."""
 
     parts: list[ObjectEntry] = field(default_factory=list)
     links: list[Linked] = field(default_factory=list)
     part: list[int] = field(default_factory=list)
     world_from_object: list[NDArray[np.float64]] = field(default_factory=list)
     random: list[float] = field(default_factory=list)
+    properties: list[dict[str, Color]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -136,7 +141,7 @@ class Context:
 
 def walk_instances(depsgraph: Any, context: Context) -> Placements:
     """Return all that a depsgraph shows and that we can show."""
-    placements = Placements()
+    placements, reader = Placements(), InstanceReader()
     known: dict[tuple[int, int, int], int] = {}
     for instance in depsgraph.object_instances:
         shown, data = instance.object, instance.object.data
@@ -158,8 +163,9 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
         if known[key] >= 0:
             placements.part.append(known[key])
             placements.world_from_object.append(np.array(instance.matrix_world, dtype=np.float64))
-            own = placements.parts[known[key]].random
-            placements.random.append(read_random(instance.random_id) if is_instance else own)
+            part = placements.parts[known[key]]
+            placements.random.append(read_random(instance.random_id) if is_instance else part.random)
+            placements.properties.append(reader.read(instance, part.properties) if part.properties else {})
     return placements
 
 
@@ -227,7 +233,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         pass_index=shown.pass_index,
         holdout=instancer.holdout_get(view_layer=context.view_layer),
         shadow_catcher=shown.is_shadow_catcher or instancer.is_shadow_catcher,
-        color=tuple(shown.color),
+        color=tuple(instancer.color),
         seen_by=seen_by,
         random=hash_name(source.name),
         terminator=versions.read_terminator(shown),
@@ -237,7 +243,12 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
     if points is not None:
         materials = find_materials(shown, source, (0,), context)
         return PartEntry(
-            replace(part, material=materials[0]), None, identify(materials, context), (), sources, own.records
+            replace(part, material=materials[0], properties=list_properties(materials, context)),
+            None,
+            identify(materials, context),
+            (),
+            sources,
+            own.records,
         )
     with open_mesh(source, shown.data) as mesh:
         entry = context.meshes.find_entry(source, shown.data.as_pointer(), mesh)
@@ -246,13 +257,18 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         materials = find_materials(shown, source, entry.geometry.used_slots, context)
         names = context.materials.list_attributes(materials) if context.materials else set()
         index = context.meshes.find_index(entry, mesh, materials, names)
-    part = replace(part, mesh=index)
+    part = replace(part, mesh=index, properties=list_properties(materials, context))
     return PartEntry(part, entry, identify(materials, context), tuple(names), sources, own.records)
 
 
 def identify(materials: tuple[int, ...], context: Context) -> tuple[int, ...]:
     """Return the `session_uid` of materials, given by number."""
     return tuple(context.materials.find_identity(index) for index in materials) if context.materials else ()
+
+
+def list_properties(materials: tuple[int, ...], context: Context) -> frozenset[str]:
+    """Return the names of the properties of instances that materials, given by number, read."""
+    return context.materials.list_properties(materials) if context.materials else frozenset()
 
 
 def make_other_part(shown: Any, source: Any, context: Context) -> ObjectEntry | None:

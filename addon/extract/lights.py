@@ -20,7 +20,7 @@ from raytracer.scene.programs import Program, Register, Value
 from .. import versions
 from .instances import ObjectEntry
 from .shaders.images import ImageTable
-from .shaders.materials import read_shine
+from .shaders.materials import list_properties, read_shine
 from .shaders.nodes import Color, WarningContext
 from .shaders.programs import ProgramBuilder
 from .warnings import WarningList
@@ -47,6 +47,8 @@ def extract_light(
     builder = ProgramBuilder(place, images)
     factor = read_light_nodes(light, builder)
     if isinstance(factor, Register):
+        if list_properties(Program(builder.steps)):
+            place.warn("attributes of objects and instancers are not supported in a light's nodes, 0 is used")
         placed = raytracer.Instances(
             [0], world_from_light[np.newaxis], pass_index=[part.pass_index], random=[random], color=[part.color]
         )

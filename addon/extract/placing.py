@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 import raytracer
 from raytracer.scene.lights import Light
 
+from .custom_properties import Color
 from .instances import ObjectEntry, ObjectKey, Placements
 from .lights import extract_light
 from .linking import make_link_sets
@@ -51,7 +53,9 @@ def place_parts(
         elif part.mesh is not None:
             meshes.append(row)
         elif part.points is not None:
-            spheres.append(replace(place_points(part, matrices[row], warnings), **vars(links[index])))
+            info: dict[str, Any] = {"random": placements.random[row], "color": part.color} if with_info else {}
+            group = place_points(part, matrices[row], warnings)
+            spheres.append(replace(group, properties=placements.properties[row], **info, **vars(links[index])))
             sphere_objects.append(part.object)
         elif (light := extract_light(part, matrices[row], placements.random[row], warnings, images)) is not None:
             lights.append(replace(light, receivers=links[index].receivers))
@@ -69,9 +73,16 @@ def place_parts(
         terminator_shading=_gather_offset(parts, 1),
         random=np.array([placements.random[row] for row in meshes]) if with_info else None,
         color=np.array([part.color for part in parts]).reshape(-1, 4) if with_info else None,
+        properties=_gather_properties([placements.properties[row] for row in meshes]),
     )
     objects = (*(part.object for part in parts), *sphere_objects)
     return Placed(instances, tuple(spheres), tuple(lights), objects)
+
+
+def _gather_properties(found: list[dict[str, Color]]) -> dict[str, NDArray[np.float64]]:
+    """Return by name (i, 4) the properties of instances; 0 for those whose materials do not ask."""
+    names = sorted(set[str]().union(*found))
+    return {name: np.array([values.get(name, np.zeros(4)) for values in found]) for name in names}
 
 
 def _gather_offset(parts: list[ObjectEntry], number: int) -> NDArray[np.float64] | None:

@@ -13,6 +13,7 @@ import raytracer
 
 from .. import versions
 from .camera import extract_camera
+from .custom_properties import read_layer_of
 from .instances import Context, ObjectKey, walk_instances, warn_missing
 from .kept import Kept
 from .mesh_table import MeshTable
@@ -63,6 +64,14 @@ def extract_scene(
     ValueError
         If the scene has no usable camera and one is needed.
     """
+    with read_layer_of(depsgraph):
+        return _extract_scene(depsgraph, passes, geometry_only, space, kept)
+
+
+def _extract_scene(
+    depsgraph: Any, passes: Sequence[str], geometry_only: bool, space: Any, kept: Kept | None
+) -> Extraction:
+    """Return what `extract_scene` does, while the view layer's properties can be found."""
     warnings = WarningList()
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     camera = None if geometry_only or space else extract_camera(scene, warnings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -84,6 +84,18 @@ def set_receivers(record: Any, label: str) -> None:
     mask = set_array(record, "receivers", np.int64, (), label)
     require_range(mask, 0, ALL_SETS, f"{label}: receivers")
     set_field(record, "receivers", int(mask))
+
+
+def set_properties(record: Any, shape: Sequence[int | str], label: str) -> None:
+    """Replace the field `properties` by a table of checked, read-only arrays of one shape."""
+    if not isinstance(record.properties, Mapping):
+        raise ValueError(f"{label}: properties: expected a table, got {type(record.properties).__name__}")
+    table = {}
+    for name, values in record.properties.items():
+        require_text(name, f"{label}: properties")
+        table[name] = as_array(values, np.float64, shape, f"{label}: property {name!r}")
+        require_finite(table[name], f"{label}: property {name!r}")
+    set_field(record, "properties", table)
 
 
 def make_records(value: Any, kind: Any, field: str) -> tuple[Any, ...]:

@@ -19,6 +19,8 @@ from raytracer.scene.fields import (
     set_count,
     set_field,
     set_flags,
+    set_number,
+    set_properties,
     set_receivers,
     set_seen_by,
 )
@@ -107,6 +109,7 @@ class Spheres:
     holdout : bool, True punches a hole into the image's alpha
     seen_by : bits of SEEN_BY, the classes of rays that see them
     shadow_catcher, light_set, receivers : bool, int, int, as in Instances
+    random, color, properties : of the group, one number, (4,), and (4,) by name, float64, as in Instances
     """
 
     centres: Any
@@ -119,6 +122,9 @@ class Spheres:
     shadow_catcher: bool = False
     light_set: int = 0
     receivers: int = ALL_SETS
+    random: float = 0.0
+    color: Any = (1.0, 1.0, 1.0, 1.0)
+    properties: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_text(self.name, "Spheres: name")
@@ -133,6 +139,9 @@ class Spheres:
         set_receivers(self, label)
         require_range(set_array(self, "light_set", np.int32, (), label), 0, SET_COUNT - 1, f"{label}: light_set")
         set_field(self, "light_set", int(self.light_set))
+        set_number(self, "random", 0.0, 1.0, label)
+        set_array(self, "color", np.float64, (4,), label)
+        set_properties(self, (4,), label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +161,7 @@ class Instances:
     terminator_geometry, terminator_shading : (i,) float64, 0 to 1, Blender's offsets of the shadow terminator of smooth
         meshes; None = 0
     random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
+    properties : by name, (i, 4) float64, color and alpha, what programs read of each instance besides
     """
 
     mesh: Any
@@ -166,6 +176,7 @@ class Instances:
     receivers: Any = None
     terminator_geometry: Any = None
     terminator_shading: Any = None
+    properties: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count = len(set_array(self, "mesh", np.int32, ("i",), "Instances"))
@@ -185,6 +196,7 @@ class Instances:
         for name, shape in (("random", (count,)), ("color", (count, 4))):
             if getattr(self, name) is not None:
                 set_array(self, name, np.float64, shape, "Instances")
+        set_properties(self, (count, 4), "Instances")
         for name in ("terminator_geometry", "terminator_shading"):
             if getattr(self, name) is not None:
                 offset = set_array(self, name, np.float64, (count,), "Instances")

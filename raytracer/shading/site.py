@@ -230,6 +230,11 @@ class Site:
     def object_index(self) -> Floats:
         return self.tables.index[self.surface.instance].astype(np.float64)
 
+    def read_property(self, name: str) -> Floats:
+        """(n, 4) a property of the objects as color and alpha; 0 where they have none."""
+        table = self.tables.properties.get(name)
+        return np.zeros((len(self), 4)) if table is None else table[self.surface.instance]
+
     def _of_objects(self, table: Floats, default: Floats) -> Floats:
         values = np.broadcast_to(default, (len(self), *default.shape)).copy()
         rows = np.flatnonzero(self.is_triangle)

@@ -47,6 +47,7 @@ class SiteTables:
     attributes : by name, the values at the corners of all meshes
     widths : by name, (meshes,) int64, numbers per value, 0 = the mesh lacks it
     random : (i + g,) float64; color : (i + g, 4); index : (i + g,) int32; instances, then groups of spheres
+    properties : by name, (i + g, 4) float64, 0 where there is none
     smooth : (meshes,) bool, True for meshes with normals
     view : CameraView, or None without a camera
     """
@@ -58,6 +59,7 @@ class SiteTables:
     random: Floats
     color: Floats
     index: NDArray[np.int32]
+    properties: dict[str, Floats]
     smooth: Booleans
     view: CameraView | None
 
@@ -73,6 +75,8 @@ def make_site_tables(
     geometry, instances = surface.geometry, scene.instances
     count, groups = scene.instance_count, len(scene.spheres)
     random, color = np.zeros(count + groups), np.ones((count + groups, 4))
+    random[count:] = [group.random for group in scene.spheres]
+    color[count:] = np.reshape([group.color for group in scene.spheres], (groups, 4))
     index = np.zeros(count + groups, dtype=np.int32)
     index[count:] = [group.pass_index for group in scene.spheres]
     if instances is not None:
@@ -88,9 +92,23 @@ def make_site_tables(
         random=random,
         color=color,
         index=index,
+        properties=_gather_properties(scene),
         smooth=np.array([mesh.normals is not None for mesh in scene.meshes], dtype=np.bool_),
         view=_make_view(scene.camera, resolution),
     )
+
+
+def _gather_properties(scene: Scene) -> dict[str, Floats]:
+    """By name, (i + g, 4) the properties of instances, then of groups of spheres."""
+    count, groups = scene.instance_count, len(scene.spheres)
+    of_instances = scene.instances.properties if scene.instances is not None else {}
+    names = set(of_instances).union(*(group.properties for group in scene.spheres))
+    tables = {name: np.zeros((count + groups, 4)) for name in sorted(names)}
+    for name, table in tables.items():
+        table[:count] = of_instances.get(name, 0.0)
+        for row, group in enumerate(scene.spheres, count):
+            table[row] = group.properties.get(name, 0.0)
+    return tables
 
 
 def _make_view(camera: Camera | None, resolution: tuple[int, int] | None) -> CameraView | None:

@@ -18,6 +18,7 @@ from raytracer.shading.evaluate import list_attributes, list_steps
 from raytracer.shading.site_tables import TANGENT, UNDEFORMED
 
 from ... import versions
+from ..custom_properties import find_layer
 from ..kept import Kept
 from ..warnings import Warning, WarningList
 from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
@@ -29,6 +30,7 @@ from .programs import ProgramBuilder
 # Pixels between the places where Cycles takes the height of a displacement, whatever Bump nodes say.
 FILTER_WIDTH = 0.1
 # Operations that read what is stored for each instance.
+PROPERTY_READERS = frozenset(f"OBJECT_PROPERTY {output}" for output in ("Vector", "Fac", "Alpha"))
 OBJECT_READERS = frozenset(f"OBJECT_INFO {output}" for output in ("Color", "Alpha", "Random"))
 
 
@@ -174,6 +176,11 @@ def find_program(
     return Program(builder.steps) if is_read else None
 
 
+def list_properties(program: Program) -> frozenset[str]:
+    """Return the names of the properties of instances that a program reads."""
+    return frozenset(step.settings["name"] for step in list_steps(program) if step.operation in PROPERTY_READERS)
+
+
 def read_displacement(material: Any, node_tree: Any, builder: ProgramBuilder) -> Register | None:
     """Return the normal of a surface that a displacement bends as a bump, or None where nothing displaces it.
 
@@ -222,9 +229,9 @@ class MaterialEntry:
 
     identity : its `session_uid`, 0 for the default grey
     object_name : where it was met first, which its warnings say
-    attributes : names of those of meshes that it reads
+    attributes, properties : names of those of meshes and of instances that it reads
     warnings : what could not be honoured
-    moves : True where it shows an image sequence, so that it changes with the frame though nothing announces it
+    moves : True where it shows an image sequence or properties of the view layer, which change though nothing says so
     """
 
     identity: int
@@ -233,6 +240,7 @@ class MaterialEntry:
     attributes: frozenset[str]
     warnings: tuple[Warning, ...]
     moves: bool = False
+    properties: frozenset[str] = frozenset()
 
 
 class MaterialTable:
@@ -270,14 +278,16 @@ class MaterialTable:
         return self._indices[identity]
 
     def _read(self, material: Any, identity: int, object_name: str) -> MaterialEntry:
-        own, sequences = WarningList(), self.images.sequences
+        own, sequences, layer = WarningList(), self.images.sequences, find_layer()
+        reads = layer.reads
         if material is None:
             record = raytracer.Material((raytracer.Closure(versions.default_shader(), color=GREY),), name="default")
         else:
             record = extract_material(material, object_name, self.images, own)
         attributes = list_attributes(record.program) if record.program else ()
-        moves = self.images.sequences > sequences
-        return MaterialEntry(identity, object_name, record, frozenset(attributes), own.records, moves)
+        properties = list_properties(record.program) if record.program else frozenset()
+        moves = self.images.sequences > sequences or layer.reads > reads
+        return MaterialEntry(identity, object_name, record, frozenset(attributes), own.records, moves, properties)
 
     def _add(self, entry: MaterialEntry) -> None:
         self._indices[entry.identity] = len(self.entries)
@@ -293,6 +303,10 @@ class MaterialTable:
         names = set[str]().union(*(self.entries[index].attributes for index in indices))
         stand_in = {UNDEFORMED} if TANGENT + DEFAULT_UV in names else set()
         return {name.removeprefix(TANGENT) for name in names} | stand_in
+
+    def list_properties(self, indices: Sequence[int]) -> frozenset[str]:
+        """Return the names of the properties of instances that some of the materials read."""
+        return frozenset().union(*(self.entries[index].properties for index in indices))
 
     @property
     def read_object_info(self) -> bool:

@@ -15,12 +15,17 @@ from raytracer.shading.evaluate import OPERATIONS
 from raytracer.shading.nodes.ramps import TABLE_SIZE
 
 from ... import versions
+from ..custom_properties import find_layer
 from .images import ImageTable, is_associated
 from .nodes import Groups, WarningContext, find_link, find_socket
 from .skies import read_daylight_settings, read_sky_settings
 
 # The attributes that Blender's nodes read without naming them.
 DEFAULT_UV, DEFAULT_COLOR, GENERATED, ISLAND = "uv", "vertex_color", "generated", "random per island"
+
+# What materials read of instances: kinds of properties, whose names follow, and what an instancer gives its instances.
+OBJECT, INSTANCER = "OBJECT", "INSTANCER"
+GIVEN_GENERATED, GIVEN_UV = "GIVEN_GENERATED", "GIVEN_UV"
 
 Settings = dict[str, Any]
 
@@ -62,12 +67,6 @@ def find_passed(node: Any, output: str) -> str | None:
 
 def read_attribute_name(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Attribute, Color Attribute, UV Map and Texture Coordinate: which attribute they read."""
-    if getattr(node, "from_instancer", False):
-        builder.place.warn(f"node '{node.name}': From Instancer is not supported, the object's own are used")
-    if node.type == "ATTRIBUTE" and node.attribute_type != "GEOMETRY":
-        kind = node.attribute_type.title().replace("_", " ")
-        builder.place.warn(f"node '{node.name}': attributes of type {kind} are not supported, 0 is used")
-        return {"name": ""}
     names = {
         "ATTRIBUTE": lambda: node.attribute_name,
         "VERTEX_COLOR": lambda: node.layer_name or DEFAULT_COLOR,
@@ -75,6 +74,18 @@ def read_attribute_name(builder: Builder, node: Any, groups: Groups, output: str
         "TEX_COORD": lambda: GENERATED if output == "Generated" else DEFAULT_UV,
     }
     return {"name": names[node.type]()}
+
+
+def read_property_name(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Attribute of type Object or Instancer, and From Instancer: which of the properties gathered per instance."""
+    if node.type == "ATTRIBUTE":
+        return {"name": f"{node.attribute_type} {node.attribute_name}"}
+    return {"name": GIVEN_GENERATED if output == "Generated" else GIVEN_UV}
+
+
+def read_layer_property(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """Attribute of type View Layer: its value, the same for the whole picture."""
+    return {"color": find_layer().find(node.attribute_name)}
 
 
 def read_object(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
@@ -177,6 +188,8 @@ def read_voronoi(builder: Builder, node: Any, groups: Groups, output: str) -> Se
 
 READERS: dict[str, Reader] = {
     **{f"ATTRIBUTE {output}": read_attribute_name for output in ("Vector", "Fac", "Alpha")},
+    **{f"OBJECT_PROPERTY {output}": read_property_name for output in ("Vector", "Fac", "Alpha")},
+    **{f"VIEW_LAYER_PROPERTY {output}": read_layer_property for output in ("Vector", "Fac", "Alpha")},
     "VERTEX_COLOR Alpha": read_attribute_name,
     "TEX_COORD Object": read_object,
     "TEX_IMAGE": read_image_settings,

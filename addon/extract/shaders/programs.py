@@ -279,10 +279,23 @@ RESOLVED: dict[str, dict[str, tuple[str, ...]]] = {"TEX_SKY": {"sky_type": SKY_T
 VARIANTS = {"TANGENT": "direction_type", "TEX_SKY": "sky_type"}
 
 
+def name_operation(node: Any, output: str) -> str:
+    """Return how the table of operations would call an output of a node."""
+    chosen = VARIANTS.get(node.type)
+    if chosen:
+        return f"{node.type} {getattr(node, chosen)}"
+    kind = getattr(node, "attribute_type", "GEOMETRY")
+    if kind != "GEOMETRY":
+        owner = "VIEW_LAYER_PROPERTY" if kind == "VIEW_LAYER" else "OBJECT_PROPERTY"
+        return f"{owner} {'Vector' if output == 'Color' else output}"
+    if getattr(node, "from_instancer", False) and output in ("Generated", "UV"):
+        return "OBJECT_PROPERTY Vector"
+    return f"{node.type} {output}"
+
+
 def find_operation(node: Any, output: str) -> str | None:
     """Return the name of the tracer's operation for an output of a node, or None."""
-    chosen = VARIANTS.get(node.type)
-    name = f"{node.type} {getattr(node, chosen) if chosen else output}"
+    name = name_operation(node, output)
     found = next((name for name in (ALIASES.get(name, name), node.type) if name in OPERATIONS), None)
     if found is None:
         return None

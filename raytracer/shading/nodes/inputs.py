@@ -44,6 +44,11 @@ def read_alpha(site: Site, *, name: str) -> Array:
     return np.where(site.attribute_width(name) == 4, site.read_attribute(name)[:, 3], 1.0)
 
 
+def split_color(color: Array) -> dict[str, Array]:
+    """What the sockets of an Attribute node make of a color with alpha, (4,) or (n, 4): color, mean, alpha."""
+    return {"Vector": color[..., :3], "Fac": color[..., :3].mean(axis=-1), "Alpha": color[..., 3]}
+
+
 def read_color_alpha(site: Site, *, name: str) -> Array:
     """`read_alpha`, but 0 where there is no attribute, as Color Attribute has it."""
     return np.where(site.has_attribute(name), read_alpha(site, name=name), 0.0)
@@ -131,6 +136,18 @@ def _read(compute: Callable[[Site], Any], output: str) -> Operation:
     return Operation(compute, (), (output,), (), reads_site=True)
 
 
+def _property(output: str) -> Operation:
+    """A property of the object that is hit."""
+    return Operation(
+        lambda site, *, name: split_color(site.read_property(name))[output], (), (output,), ("name",), reads_site=True
+    )
+
+
+def _layer_property(output: str) -> Operation:
+    """A property of the whole picture: (4,) color and alpha."""
+    return Operation(lambda *, color: split_color(np.asarray(color))[output], (), (output,), ("color",))
+
+
 def _path(name: str) -> Callable[[Site], Any]:
     return lambda site: site.read_path(name)
 
@@ -160,6 +177,8 @@ OPERATIONS = {
     "ATTRIBUTE Vector": _attribute(read_vector, "Vector"),
     "ATTRIBUTE Fac": _attribute(read_factor, "Fac"),
     "ATTRIBUTE Alpha": _attribute(read_alpha, "Alpha"),
+    **{f"OBJECT_PROPERTY {output}": _property(output) for output in ("Vector", "Fac", "Alpha")},
+    **{f"VIEW_LAYER_PROPERTY {output}": _layer_property(output) for output in ("Vector", "Fac", "Alpha")},
     "VERTEX_COLOR Alpha": _attribute(read_color_alpha, "Alpha"),
     "TEX_COORD Normal": _read(lambda site: site.normal_to_object(site.normal), "Normal"),
     "TEX_COORD Object": Operation(read_object_coordinates, (), ("Object",), ("object_from_world",), reads_site=True),

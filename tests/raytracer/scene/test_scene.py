@@ -102,6 +102,10 @@ def make_full_scene():
             r"Spheres: centres: expected finite numbers, got \[ 0. inf  0.\] at row 0",
         ),
         (
+            lambda: Instances([0], [np.eye(4)], properties={"OBJECT a": [(1.0, 2.0)]}),
+            r"Instances: property 'OBJECT a': expected shape \(1, 4\) float64, got \(1, 2\)",
+        ),
+        (
             lambda: Instances([0], [np.ones((4, 4))]),
             r"Instances: world_from_object: expected \(0, 0, 0, 1\) as the last row of each matrix, "
             r"got \[1.0, 1.0, 1.0, 1.0\] at row 0",

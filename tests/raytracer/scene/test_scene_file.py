@@ -47,7 +47,13 @@ def make_scene() -> raytracer.Scene:
             raytracer.Mesh(positions * 0.3, triangles, name="Second"),
         ],
         spheres=raytracer.Spheres(rng.normal(size=(4, 3)) * 2, np.full(4, 0.3), name="Spheres"),
-        instances=raytracer.Instances([0, 1], np.tile(np.eye(4), (2, 1, 1)), random=[0.1, 0.2], color=np.ones((2, 4))),
+        instances=raytracer.Instances(
+            [0, 1],
+            np.tile(np.eye(4), (2, 1, 1)),
+            random=[0.1, 0.2],
+            color=np.ones((2, 4)),
+            properties={"OBJECT a": np.eye(2, 4)},
+        ),
         materials=[Material([principled], name="Textured", program=program), Material(glow, name="Glow")],
         lights=[
             raytracer.PointLight((0, 0, 5), (100, 100, 100), radius=0.2, name="Point"),

@@ -207,6 +207,25 @@ def test_image_and_instance_values_reach_the_picture_and_a_saved_scene_gives_the
     assert loaded.materials[0].program.steps[1].settings["image"].pixels.dtype == np.uint8
 
 
+@pytest.mark.parametrize(("output", "wanted"), [("Vector", (0.5, 0.25, 0.0)), ("Fac", 0.25), ("Alpha", 0.125)])
+def test_property_of_an_instance_is_split_and_0_on_those_that_lack_it(output, wanted):
+    """Color, mean of red, green and blue, and alpha."""
+    value = (0.5, 0.25, 0.0, 0.125)
+    steps = [Step(f"OBJECT_PROPERTY {output}", (), {"name": "OBJECT a"})]
+    if output != "Vector":
+        steps.append(Step("number to vector", (Register(0, output),)))
+    shown = Register(len(steps) - 1, "Vector" if output == "Vector" else "Value")
+    scene = Scene(
+        [quad()],
+        instances=Instances([0], [np.eye(4)], properties={"OBJECT a": [value]}),
+        materials=[shine(steps, shown)],
+        camera=CAMERA,
+    )
+    np.testing.assert_array_equal(see(scene, PLACES)["Combined"][:, :3], np.broadcast_to(wanted, (len(PLACES), 3)))
+    without = dataclasses.replace(scene, instances=Instances([0], [np.eye(4)]))
+    assert not see(without, PLACES)["Combined"][:, :3].any()
+
+
 def add_colors(first, second):
     inputs = (Register(first, "Color"), Register(second, "Color"), np.zeros(3), 1.0)
     return Step("VECT_MATH Vector", inputs, {"operation": "ADD"})

@@ -14,6 +14,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from addon import versions
+from addon.extract.kept import Changes, Kept
 from addon.extract.scene import Extraction, extract_scene
 from addon.extract.shaders.programs import MOST_NESTED_PROGRAMS
 from addon.versions import find_node_tree
@@ -277,14 +278,6 @@ def test_an_unknown_node_is_named_and_the_rest_goes_on(tree: Any) -> None:
             lambda tree: add_node(tree, "ShaderNodeAmbientOcclusion", {"Distance": 0.0}).outputs["AO"],
             "treated as unoccluded",
         ),
-        (
-            lambda tree: add_node(tree, "ShaderNodeAttribute", attribute_type="OBJECT", attribute_name="x").outputs[0],
-            "attributes of type Object are not supported",
-        ),
-        (
-            lambda tree: add_node(tree, "ShaderNodeTexCoord", from_instancer=True).outputs["UV"],
-            "From Instancer is not supported",
-        ),
     ],
 )
 def test_what_a_node_lacks_is_named(tree: Any, make: Any, words: str) -> None:
@@ -308,12 +301,44 @@ def test_attributes_are_read_only_for_materials_that_ask(tree: Any, shown: Any) 
     assert scene.meshes[0].uvs is None
     assert scene.instances.random is None
     assert scene.instances.color is None
+    assert scene.instances.properties == {}
 
 
 def test_object_color_and_random_are_read_where_asked_for(tree: Any, shown: Any) -> None:
     shown.color = (0.25, 0.5, 0.75, 0.5)
     show(tree, tree.nodes.new("ShaderNodeObjectInfo").outputs["Color"])
     assert_array_equal(extract().scene.instances.color, [(0.25, 0.5, 0.75, 0.5)])
+
+
+def read_property(tree: Any, kind: str) -> Any:
+    return add_node(tree, "ShaderNodeAttribute", attribute_type=kind, attribute_name="grade").outputs["Color"]
+
+
+def test_properties_of_objects_are_gathered_under_their_kind_and_name(tree: Any, shown: Any) -> None:
+    shown["grade"] = [0.25, 0.5]
+    show(tree, read_property(tree, "OBJECT"))
+    properties = extract().scene.instances.properties
+    assert set(properties) == {"OBJECT grade"}
+    assert_array_equal(properties["OBJECT grade"], [(0.25, 0.5, 0.0, 1.0)])
+
+
+def test_properties_are_read_anew_though_nothing_else_changed(tree: Any, shown: Any) -> None:
+    """Of what is kept from the last extraction, no property is: of an object or of the view layer."""
+    scene = bpy.context.scene
+    added = add_node(tree, "ShaderNodeVectorMath", operation="ADD")
+    tree.links.new(read_property(tree, "OBJECT"), added.inputs[0])
+    tree.links.new(read_property(tree, "VIEW_LAYER"), added.inputs[1])
+    show(tree, added.outputs[0])
+    kept = Kept()
+    for value in (0.25, 0.75):
+        shown["grade"] = scene["grade"] = value
+        shown.update_tag()
+        scene.update_tag()
+        found = extract_scene(bpy.context.evaluated_depsgraph_get(), kept=kept).scene
+        kept.changes = Changes()
+        assert found.instances.properties["OBJECT grade"][0, 0] == value
+        (step,) = (step for step in found.materials[0].program.steps if step.operation.startswith("VECT_MATH"))
+        assert any(np.array_equal(given, [value] * 3) for given in step.inputs)
 
 
 @pytest.mark.parametrize(
