@@ -15,7 +15,7 @@ from raytracer.rendering.render import render
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
-from raytracer.scene.programs import Image, Program, Register, Step
+from raytracer.scene.programs import Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_file import load, save
 from raytracer.scene.shapes import Instances, Mesh, Spheres
@@ -41,6 +41,7 @@ __all__ = [
     "SpotLight",
     "Step",
     "SunLight",
+    "TiledImage",
     "WorkerError",
     "Workers",
     "World",

@@ -18,6 +18,8 @@ from raytracer.scene.fields import make_records, require_text
 
 # How an image's stored numbers become scene linear ones: as they are, or by the curve of sRGB.
 ENCODINGS = ("linear", "srgb")
+# Of UDIM tiles: the one at the origin, and the last that Blender has.
+FIRST_TILE, LAST_TILE = 1001, 2000
 
 
 @dataclass(frozen=True)
@@ -81,12 +83,39 @@ class Image:
 
 
 @dataclass(frozen=True, eq=False)
+class TiledImage:
+    """An image for each of some squares of texture space, as by the UDIM convention.
+
+    numbers : (n,) int64, 1001 + i + 10 j for the square [i, i + 1) x [j, j + 1), 0 <= i < 10; each occurs once
+    tiles : n Images, of any sizes, each stretched over its own square
+    """
+
+    numbers: Any
+    tiles: Sequence[Image]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        require_text(self.name, "TiledImage: name")
+        label = f"TiledImage {self.name!r}"
+        object.__setattr__(self, "tiles", make_records(self.tiles, Image, f"{label}: tiles"))
+        numbers = np.array(self.numbers)
+        if numbers.shape != (len(self.tiles),) or numbers.dtype.kind not in "iu" or not len(numbers):
+            raise ValueError(f"{label}: numbers: expected a whole number for each tile, and one tile at least")
+        if numbers.min() < FIRST_TILE or numbers.max() > LAST_TILE or len(np.unique(numbers)) < len(numbers):
+            raise ValueError(f"{label}: numbers: expected different ones from {FIRST_TILE} to {LAST_TILE}")
+        numbers = numbers.astype(np.int64)
+        numbers.flags.writeable = False
+        object.__setattr__(self, "numbers", numbers)
+
+
+@dataclass(frozen=True, eq=False)
 class Step:
     """One computation.
 
     operation : a key of `shading.evaluate.OPERATIONS`
     inputs : constants or Registers, in the operation's order
-    settings : what is fixed, by name: text, numbers, arrays, an Image, or a Program that the step runs itself
+    settings : what is fixed, by name: text, numbers, arrays, an Image or TiledImage, or a Program that the step runs
+        itself
     """
 
     operation: str

@@ -21,7 +21,7 @@ from raytracer.files.replacing import replace_file
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import AreaLight, LightNodes, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
-from raytracer.scene.programs import Image, Program, Register, Step
+from raytracer.scene.programs import Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Instances, Mesh, Spheres
 
@@ -48,7 +48,7 @@ RECORDS = {
     record.__name__: record
     for record in (
         *(Mesh, Spheres, Instances, Closure, Material, PointLight, SpotLight, SunLight, AreaLight),
-        *(LightNodes, World, Camera, Scene, Program, Step, Register, Image),
+        *(LightNodes, World, Camera, Scene, Program, Step, Register, Image, TiledImage),
     )
 }
 

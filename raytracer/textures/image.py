@@ -5,7 +5,8 @@ Stored numbers are blended first and decoded afterwards, as Cycles does.
 
 References
 ----------
-Blender, intern/cycles/kernel/device/cpu/image.h: borders and the cubic B-spline.
+Blender, intern/cycles/kernel/device/cpu/image.h: borders and the cubic B-spline; kernel/svm/image.h
+(svm_node_tex_image), in later versions kernel/image.h (kernel_image_udim_map): tiles.
 IEC 61966-2-1: the curve of sRGB.
 """
 
@@ -17,13 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats
-from raytracer.scene.programs import Image
+from raytracer.scene.programs import FIRST_TILE, Image, TiledImage
 
 Indices = NDArray[np.int64]
 
 
 EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
 
+# A square of texture space without a tile: magenta, whole, as a missing image.
+MISSING = (1.0, 0.0, 1.0, 1.0)
+TILES_PER_ROW = 10
 
 # Coordinates further out than this are all the same beyond a border; keeps the numbers of pixels within 64 bits.
 FARTHEST = 2.0**40
@@ -124,13 +128,42 @@ def read_image(image: Image, uv: Floats, interpolation: str = "Linear", extensio
 
 
 def sample_image(
-    image: Image, uv: Floats, interpolation: str = "Linear", extension: str = "REPEAT", unassociate: bool = False
+    image: Image | TiledImage,
+    uv: Floats,
+    interpolation: str = "Linear",
+    extension: str = "REPEAT",
+    unassociate: bool = False,
 ) -> Floats:
     """Return color and alpha (n, 4) at coordinates (n, 2), scene linear; `unassociate` divides the color by alpha."""
+    if isinstance(image, TiledImage):
+        return _sample_tiles(image, uv, interpolation, extension, unassociate)
     values = read_image(image, uv, interpolation, extension)
     if unassociate:
         alpha = values[:, 3:]
         values[:, :3] /= np.where((alpha != 0) & (alpha != 1), alpha, 1.0)
     if image.encoding == "srgb":
         values[:, :3] = decode_srgb(values[:, :3])
+    return values
+
+
+def find_tiles(uv: Floats) -> tuple[Indices, Floats]:
+    """Return the numbers (n,) of the tiles that coordinates (n, 2) lie in, 0 for none, and the tiles' corners (n, 2).
+
+    Cycles cuts coordinates off towards 0: what is less than 1 below an axis belongs to the tiles on that axis, beyond
+    their border.
+    """
+    corners = np.trunc(np.clip(np.nan_to_num(uv), -FARTHEST, FARTHEST))
+    column, row = corners.astype(np.int64).T
+    is_within = (column >= 0) & (column < TILES_PER_ROW) & (row >= 0)
+    return np.where(is_within, FIRST_TILE + column + TILES_PER_ROW * row, 0), corners
+
+
+def _sample_tiles(image: TiledImage, uv: Floats, interpolation: str, extension: str, unassociate: bool) -> Floats:
+    """Each tile is read alone, by the rest of the coordinates: none blends with its neighbors."""
+    numbers, corners = find_tiles(uv)
+    values = np.tile(MISSING, (len(uv), 1))
+    for number, tile in zip(image.numbers, image.tiles, strict=True):
+        rows = np.flatnonzero(numbers == number)
+        if len(rows):
+            values[rows] = sample_image(tile, uv[rows] - corners[rows], interpolation, extension, unassociate)
     return values

@@ -22,13 +22,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.scene.programs import Image
+from raytracer.scene.programs import FIRST_TILE, Image, TiledImage
 from raytracer.textures.image import encode_srgb
 
 from ... import versions
 from ..kept import Kept
 from .color_spaces import find_decoder
 from .image_frames import find_path, open_frame
+from .image_tiles import open_tiles
 from .nodes import WarningContext
 
 Pixels = NDArray[Any]
@@ -42,6 +43,7 @@ BLOCK = 1 << 18
 UNASSOCIATED_MODES = ("CHANNEL_PACKED", "NONE")
 # A missing image in sRGB, which is decoded after interpolation as any other.
 MAGENTA = Image(np.array([[(1.0, 0.0, 1.0, 1.0)]], dtype=np.float32), "srgb", "missing")
+LINEAR_MAGENTA = Image(MAGENTA.pixels, "linear", "missing")
 
 
 class ImageTable:
@@ -51,13 +53,13 @@ class ImageTable:
     """
 
     def __init__(self, kept: Kept | None = None, frame: int = 1) -> None:
-        self._images: dict[ImageKey, Image | None] = {}
+        self._images: dict[ImageKey, Image | TiledImage | None] = {}
         self._kept, self._frame = kept or Kept(), frame
         self.sequences = 0  # how often one was asked for
         # Those that may be kept: a warning would be lost.
-        self.silent: dict[ImageKey, Image | None] = {}
+        self.silent: dict[ImageKey, Image | TiledImage | None] = {}
 
-    def find_image(self, image: Any, user: Any, node: str, place: WarningContext) -> Image | None:
+    def find_image(self, image: Any, user: Any, node: str, place: WarningContext) -> Image | TiledImage | None:
         """Return an image as the tracer's, or None, which shows magenta, for none; magenta in its own color space for
         one whose file is missing.
 
@@ -80,9 +82,13 @@ class ImageTable:
         if found is None:
             place.warn(f"node '{node}': image '{image.name}' is missing, magenta is shown")
             return MAGENTA if image.colorspace_settings.name == "sRGB" else None
+        if isinstance(found, TiledImage):
+            warn_of_tiles(image, found, place)
         return found
 
-    def _read(self, image: Any, path: str, place: WarningContext) -> Image | None:
+    def _read(self, image: Any, path: str, place: WarningContext) -> Image | TiledImage | None:
+        if image.source == "TILED":
+            return extract_tiles(image, place)
         if not path:
             return extract_image(image, place)
         with open_frame(image, path) as frame:
@@ -98,8 +104,6 @@ def extract_image(image: Any, place: WarningContext) -> Image | None:
     """Return an image's pixels, or None where they cannot be read."""
     if image.source == "MOVIE":
         place.warn(f"image '{image.name}': movies are not supported, only a frame that is loaded is shown")
-    if image.source == "TILED" and len(image.tiles) > 1:
-        place.warn(f"image '{image.name}': UDIM tiles are not supported, the first is used for all")
     width, height = image.size
     count = len(image.pixels)
     if not width or not height or not count:
@@ -117,6 +121,38 @@ def extract_image(image: Any, place: WarningContext) -> Image | None:
     if image.colorspace_settings.name == "sRGB" and is_read_from_file(image):
         return Image(encode(found, is_associated(image)), "srgb", image.name)
     return Image(found, "linear", image.name)
+
+
+def extract_tiles(image: Any, place: WarningContext) -> TiledImage:
+    """Return a tiled image; a tile that is missing is one magenta pixel, which clips and fades."""
+    magenta = MAGENTA if image.colorspace_settings.name == "sRGB" else LINEAR_MAGENTA
+    found = {number: extract_image(tile, place) or magenta for number, tile in open_tiles(image)}
+    return TiledImage(list(found), list(found.values()), image.name)
+
+
+def warn_of_tiles(image: Any, found: TiledImage, place: WarningContext) -> None:
+    """Name what a tiled image does not show.
+
+    Apart from reading it, so that it may be kept: reading makes data-blocks, upon which a viewport asks for the scene
+    anew, and would never end.
+    """
+    if image.is_dirty:
+        place.warn(f"image '{image.name}': paint on its tiles is neither saved nor packed, and not shown")
+    pairs = zip(found.numbers, found.tiles, strict=True)
+    missing = [str(number) for number, tile in pairs if tile is MAGENTA or tile is LINEAR_MAGENTA]
+    if missing:
+        place.warn(f"image '{image.name}': tiles without pixels are shown in magenta: {', '.join(missing)}")
+
+
+def find_first_tile(image: Image | TiledImage | None) -> Image | None:
+    """Return the tile 1001 of a tiled image, or None where it has none; other images as they are.
+
+    Cycles reads only that one through boxes, wherever their coordinates lead (scene/shader_nodes.cpp,
+    ImageTextureNode::cull_tiles).
+    """
+    if not isinstance(image, TiledImage):
+        return image
+    return dict(zip(image.numbers.tolist(), image.tiles, strict=True)).get(FIRST_TILE)
 
 
 def is_read_from_file(image: Any) -> bool:

@@ -10,13 +10,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from raytracer.scene.programs import Program
+from raytracer.scene.programs import Program, TiledImage
 from raytracer.shading.evaluate import OPERATIONS
 from raytracer.shading.nodes.ramps import TABLE_SIZE
 
 from ... import versions
 from ..custom_properties import find_layer
-from .images import ImageTable, is_associated
+from .images import ImageTable, find_first_tile, is_associated
 from .nodes import Groups, WarningContext, find_link, find_socket
 from .skies import read_daylight_settings, read_sky_settings
 
@@ -100,8 +100,9 @@ def read_object(builder: Builder, node: Any, groups: Groups, output: str) -> Set
 
 def read_image_settings(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Image Texture: the image, and how it is read."""
+    image = builder.images.find_image(node.image, node.image_user, node.name, builder.place)
     return {
-        "image": builder.images.find_image(node.image, node.image_user, node.name, builder.place),
+        "image": find_first_tile(image) if node.projection == "BOX" else image,
         "interpolation": node.interpolation,
         "extension": node.extension,
         "projection": node.projection,
@@ -113,8 +114,13 @@ def read_image_settings(builder: Builder, node: Any, groups: Groups, output: str
 
 def read_environment_settings(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Environment Texture: the image, and how it is wrapped round the world."""
+    image = builder.images.find_image(node.image, node.image_user, node.name, builder.place)
+    if isinstance(image, TiledImage):
+        builder.place.warn(
+            f"node '{node.name}': environments have no tiles, tile 1001 is shown (Cycles: magenta for tiles in files)"
+        )
     return {
-        "image": builder.images.find_image(node.image, node.image_user, node.name, builder.place),
+        "image": find_first_tile(image),
         "interpolation": node.interpolation,
         "projection": node.projection,
     }

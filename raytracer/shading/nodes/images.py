@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.scene.programs import Image
+from raytracer.scene.programs import Image, TiledImage
 from raytracer.shading.nodes.operation import Array, Operation, divide, saturate, spread
 from raytracer.shading.site import Site
 from raytracer.textures.image import map_sphere, sample_image
@@ -34,7 +34,7 @@ def read_texture(
     site: Site,
     vector: Any,
     *,
-    image: Image | None,
+    image: Image | TiledImage | None,
     interpolation: str,
     extension: str,
     projection: str,

@@ -7,7 +7,21 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer import Camera, Closure, Image, Instances, Material, Mesh, Program, Register, Scene, Spheres, Step, World
+from raytracer import (
+    Camera,
+    Closure,
+    Image,
+    Instances,
+    Material,
+    Mesh,
+    Program,
+    Register,
+    Scene,
+    Spheres,
+    Step,
+    TiledImage,
+    World,
+)
 from raytracer.arrays.checks import as_array
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight
 from raytracer.scene.materials import CLOSURE_KINDS
@@ -16,6 +30,7 @@ from tests import meshes
 
 POSITIONS, TRIANGLES = meshes.make_quad()
 NAN = float("nan")
+PIXEL = Image(np.zeros((1, 1, 4), np.float32))
 
 
 def make_quad(**fields):
@@ -184,6 +199,16 @@ def make_full_scene():
         (lambda: Closure("principled", emission=np.inf), r"Closure 'principled': emission: expected finite numbers.*"),
         (lambda: PointLight((0, 0, 0), 1, radius=1e300), r"PointLight '': radius: expected numbers .*, got 1e\+300"),
         (lambda: Image(np.full((1, 1, 4), np.inf, np.float32)), r"Image '': pixels: expected finite numbers.*"),
+        (lambda: TiledImage([1001], [5]), r"TiledImage '': tiles: expected Image records, got int"),
+        (lambda: TiledImage([], []), r"TiledImage '': numbers: expected a whole number for each tile, .*"),
+        (
+            lambda: TiledImage([1001, 1002], [PIXEL]),
+            r"TiledImage '': numbers: expected a whole number for each tile, .*",
+        ),
+        (lambda: TiledImage([1001.0], [PIXEL]), r"TiledImage '': numbers: expected a whole number for each tile, .*"),
+        (lambda: TiledImage([1000], [PIXEL]), r"TiledImage '': numbers: expected different ones from 1001 to 2000"),
+        (lambda: TiledImage([2001], [PIXEL]), r"TiledImage '': numbers: expected different ones from 1001 to 2000"),
+        (lambda: TiledImage([1002] * 2, [PIXEL] * 2), r"TiledImage '': numbers: expected different ones from .*"),
         (lambda: Scene(meshes=[POSITIONS]), r"Scene: meshes: expected Mesh records, got ndarray"),
         (
             lambda: Scene(meshes=[make_quad()], instances=Instances([1], [np.eye(4)])),

@@ -12,16 +12,17 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer import Closure, Image, Material, Program, Register, Step
+from raytracer import Closure, Image, Material, Program, Register, Step, TiledImage
 from tests.raytracer.scene.scene_mutations import list_mutations, pack, store, unpack
 
 
 def make_scene() -> raytracer.Scene:
-    """Return a scene with a record of every kind, a program with an inner one, and an image."""
+    """Return a scene with a record of every kind, a program with an inner one, and a tiled image."""
     rng = np.random.default_rng(0)
     positions, triangles = rng.normal(size=(12, 3)), rng.integers(0, 12, size=(20, 3))
     image = Image(rng.integers(0, 256, (4, 4, 4), dtype=np.uint8), "srgb", "Image")
-    texture = {"image": image, "interpolation": "Linear", "extension": "REPEAT", "projection": "FLAT"}
+    tiled = TiledImage((1001, 1012), (image, Image(np.ones((1, 2, 4), np.float32), name="Other")), "Tiled")
+    texture = {"image": tiled, "interpolation": "Linear", "extension": "REPEAT", "projection": "FLAT"}
     inner = Program([Step("ATTRIBUTE Fac", (), {"name": "generated"})], Register(0, "Fac"))
     program = Program(
         [

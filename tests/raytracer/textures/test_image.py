@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from raytracer import Image, Mesh
+from raytracer import Image, Mesh, TiledImage
 from raytracer.shading.nodes.images import weigh_sides
 from raytracer.surfaces.tangents import make_tangents
-from raytracer.textures.image import EXTENSIONS, decode_srgb, encode_srgb, read_image, sample_image
+from raytracer.textures.image import EXTENSIONS, decode_srgb, encode_srgb, find_tiles, read_image, sample_image
 
 KERNELS = {
     "Closest": (lambda x: np.where((x >= -0.5) & (x < 0.5), 1.0, 0.0), 1),
@@ -98,6 +98,68 @@ def test_weights_of_the_sides_of_a_box_add_up_to_one(rng):
         np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
         assert (weights >= -1e-12).all()
     np.testing.assert_array_equal(weigh_sides(np.eye(3), 0.5), np.eye(3))
+
+
+# Tiles ---------------------------------------------------------------------------------------------------------------
+
+
+def make_tiles(rng, numbers=(1001, 1002, 1011, 1012)):
+    """Return tiles of different sizes, two by two unless told."""
+    sizes = [(2, 3), (4, 1), (5, 2), (1, 1)][: len(numbers)]
+    return TiledImage(numbers, [Image(rng.random((*size, 4)).astype(np.float32)) for size in sizes])
+
+
+@pytest.mark.parametrize("interpolation", KERNELS)
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_a_tile_is_read_alone_by_the_rest_of_the_coordinates(interpolation, extension, rng):
+    """Cycles cuts off towards 0: the squares at -1 belong to those at 0, so that 3 x 3 are not magenta."""
+    image = make_tiles(rng)
+    uv = rng.uniform(-1.9, 2.9, (600, 2))
+    wanted = []
+    for u, v in uv:
+        column, row = int(u), int(v)  # Python's int cuts off as C's does
+        if min(u, v) <= -1 or max(u, v) >= 2:
+            wanted.append((1, 0, 1, 1))
+            continue
+        pixels = image.tiles[column + 2 * row].pixels.astype(np.float64)
+        wanted.append(read_slowly(pixels, u - column, v - row, interpolation, extension))
+    found = sample_image(image, uv, interpolation, extension)
+    np.testing.assert_allclose(found, wanted, atol=1e-14)
+
+
+def test_the_tile_of_a_corner_is_the_one_above_and_to_the_right(rng):
+    uv = np.array([(0, 0), (1, 0), (0, 1), (1, 1), (np.nextafter(1, 0), 0), (9.5, 3.5), (10, 0), (-1, 0), (0, -1)])
+    numbers, corners = find_tiles(uv)
+    np.testing.assert_array_equal(numbers, (1001, 1002, 1011, 1012, 1001, 1040, 0, 0, 0))
+    np.testing.assert_array_equal(corners[:6], ((0, 0), (1, 0), (0, 1), (1, 1), (0, 0), (9, 3)))
+
+
+def test_far_and_broken_coordinates_of_tiles_are_read_without_complaint(rng):
+    uv = np.array([(1e300, -1e300), (np.nan, 0.5), (np.inf, -np.inf), (0.5, 1e300), (-1e-300, 1e-300)])
+    found = sample_image(make_tiles(rng), uv, "Cubic")
+    assert np.isfinite(found).all()
+    np.testing.assert_array_equal(found[[0, 2, 3]], np.tile((1.0, 0.0, 1.0, 1.0), (3, 1)))
+
+
+def test_each_tile_is_decoded_by_its_own_curve():
+    pixels = np.full((1, 1, 4), 51, np.uint8)
+    image = TiledImage((1001, 1002), (Image(pixels, "srgb"), Image(pixels, "linear")))
+    found = sample_image(image, np.array([(0.5, 0.5), (1.5, 0.5)]), unassociate=True)
+    np.testing.assert_allclose(found[:, 0], (decode_srgb(np.array(1.0)), 1.0), rtol=1e-14)
+
+
+@pytest.mark.parametrize("interpolation", KERNELS)
+def test_an_image_is_read_to_the_bit_as_the_only_tile_of_its_square(interpolation, rng):
+    image, uv = Image(rng.random((3, 4, 4)).astype(np.float32), "srgb"), rng.random((200, 2))
+    found = sample_image(image, uv, interpolation, "MIRROR", unassociate=True)
+    tiled = sample_image(TiledImage((1001,), (image,)), uv, interpolation, "MIRROR", unassociate=True)
+    np.testing.assert_array_equal(found, tiled)
+
+
+def test_an_image_without_tiles_looks_for_none(rng, monkeypatch):
+    monkeypatch.setattr("raytracer.textures.image.find_tiles", None)
+    image, uv = Image(rng.random((3, 4, 4)).astype(np.float32)), rng.uniform(-2.0, 3.0, (50, 2))
+    np.testing.assert_array_equal(sample_image(image, uv), read_image(image, uv))
 
 
 # Tangents ------------------------------------------------------------------------------------------------------------
