@@ -1,4 +1,4 @@
-"""Rays brought to the size of a frame: origins as `bvh.Frame` places points, directions between a half and one.
+"""Rays brought to the size of a frame: origins as `tree.Frame` places points, directions between a half and one.
 
 Both are scaled by powers of two, which is exact. A product with a power takes a tenth of the time of `ldexp`, which is
 left for powers that are no float64 or whose inverse is none.

@@ -44,7 +44,7 @@ from raytracer.scene.shapes import Spheres
 from raytracer.shading.evaluate import evaluate, find_needed, list_attributes, list_steps, reads_place
 from raytracer.shading.site import LightPath, Site
 from raytracer.shading.site_tables import SiteTables, make_site_tables
-from raytracer.surfaces.surface import Surface
+from raytracer.surfaces.surface import imagine_surface
 from raytracer.surfaces.surface_tables import make_surface_tables
 
 # Unit directions (n, 3) to the world from points with shading normals (n, 3), for uniform numbers (n, 2).
@@ -115,19 +115,7 @@ def evaluate_environment(environment: Environment, directions: Floats, path: Lig
 
 def _make_site(environment: Environment, directions: Floats, path: LightPath | None) -> Site:
     count = len(directions)
-    zeros = np.zeros(count, dtype=np.int32)
-    surface = Surface(
-        position=directions,
-        position_error=np.zeros(count),
-        geometric_normal=directions,
-        shading_normal=directions,
-        outgoing=-directions,
-        front=np.zeros(count, dtype=np.bool_),
-        material=zeros,
-        instance=zeros,
-        primitive=zeros,
-        barycentric=np.zeros((count, 2)),
-    )
+    surface = imagine_surface(directions, directions, -directions, is_front=False, weights=np.zeros((count, 2)))
     assert environment.tables is not None
     return Site(surface, environment.tables, path, np.zeros(count))
 

@@ -30,7 +30,7 @@ from raytracer.scene.shapes import Mesh
 from raytracer.shading.evaluate import evaluate, find_needed, list_attributes
 from raytracer.shading.site import FARTHEST, LightPath, Site
 from raytracer.shading.site_tables import SiteTables, make_site_tables
-from raytracer.surfaces.surface import Surface
+from raytracer.surfaces.surface import imagine_surface
 from raytracer.surfaces.surface_tables import make_surface_tables
 from raytracer.textures.image import map_sphere
 
@@ -107,19 +107,8 @@ def _make_site(
     place = _find_place(computed.light, positions, directions, distance)
     normal = _find_normal(computed.light, place, directions)
     u, v = _find_uv(computed, place, normal, directions)
-    zeros = np.zeros(count, dtype=np.int32)
-    surface = Surface(
-        position=place,
-        position_error=np.zeros(count),
-        geometric_normal=normal,
-        shading_normal=normal,
-        outgoing=-directions,
-        front=np.ones(count, dtype=np.bool_),
-        material=zeros,
-        instance=zeros,
-        primitive=zeros,
-        barycentric=np.stack([v, 1.0 - u - v], axis=1),
-    )
+    weights = np.stack([v, 1.0 - u - v], axis=1)
+    surface = imagine_surface(place, normal, -directions, is_front=True, weights=weights)
     return Site(surface, computed.tables, path, np.zeros(count))
 
 

@@ -176,6 +176,27 @@ def _interpolate_uvs(tables: SurfaceTables, hits: Hits, is_triangle: NDArray[np.
     return uv
 
 
+def imagine_surface(position: Vectors, normal: Vectors, outgoing: Vectors, is_front: bool, weights: Pairs) -> Surface:
+    """Return surface points that no ray has hit: where programs of worlds and lights are evaluated.
+
+    position, normal, outgoing : (n, 3); is_front : side that is seen; weights : (n, 2), in place of barycentric ones
+    """
+    count = len(position)
+    zeros = np.zeros(count, dtype=np.int32)
+    return Surface(
+        position=position,
+        position_error=np.zeros(count),
+        geometric_normal=normal,
+        shading_normal=normal,
+        outgoing=outgoing,
+        front=np.full(count, is_front),
+        material=zeros,
+        instance=zeros,
+        primitive=zeros,
+        barycentric=weights,
+    )
+
+
 def spawn_origin(surface: Surface, direction: Floats) -> Floats:
     """Return where rays that leave the surface start: (n, 3), outside the error bound, on the side they leave to.
 

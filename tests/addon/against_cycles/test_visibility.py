@@ -112,11 +112,10 @@ def test_two_sheets_let_through_what_the_path_tells(output):
     assert_agree(scene, max_bounces=2)
 
 
-@pytest.mark.parametrize("output", list_cases(OUTPUTS, ["Is Diffuse Ray"]))
+# The world is as far away as numbers go: Ray Length has no value to compare.
+@pytest.mark.parametrize("output", list_cases([name for name in OUTPUTS if name != "Ray Length"], ["Is Diffuse Ray"]))
 def test_an_even_world_shines_as_the_path_tells(output):
     scene, _ = make_stage("world", "diffuse")
-    if output == "Ray Length":
-        pytest.skip("The world is as far away as numbers go")
     tree = versions.find_node_tree(scene.world)
     background = next(node for node in tree.nodes if node.type == "BACKGROUND")
     link_output(tree, output, OUTPUTS[output], background.inputs["Strength"])
