@@ -10,7 +10,8 @@ import itertools
 import math
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,20 +21,20 @@ from mathutils import Matrix, Vector
 
 SCENES = Path(__file__).parent
 SAVED_WITH = (4, 2)  # the oldest supported Blender: later ones open its files, the reverse fails
+ENGINE = "REFERENCE_RAYTRACER"
 
 Point = Sequence[float]
 Color = tuple[float, float, float]
 
 
 def start_scene(width: int = 640, height: int = 400, view_transform: str = "AgX") -> bpy.types.Scene:
-    """Replace the open file by an empty one and return its scene, set to render with Cycles.
+    """Replace the open file by an empty one and return its scene.
 
     Cycles' settings are its own defaults, which are this project's engine's as well, but for what is no part of the
     picture: the number of samples is fixed, and nothing is denoised.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
-    scene.render.engine = "CYCLES"
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.image_settings.file_format = "PNG"
     scene.view_settings.view_transform = view_transform
@@ -51,7 +52,7 @@ def allow_glossy_bounces(count: int) -> None:
 
 
 def save_scene(path: Path) -> None:
-    """Save the open file, compressed, to `path`.
+    """Save the open file, compressed, to `path`: with this project's engine, every 3D view through the camera.
 
     It is written in a temporary folder first: a .blend records the path of its first saving, which should not be that
     of somebody's working copy.
@@ -65,10 +66,38 @@ def save_scene(path: Path) -> None:
         raise SystemExit(
             f"the scenes are saved with Blender {SAVED_WITH[0]}.{SAVED_WITH[1]}, this is {bpy.app.version_string}"
         )
-    with tempfile.TemporaryDirectory(prefix="scene-") as folder:
+    look_through_camera()
+    with tempfile.TemporaryDirectory(prefix="scene-") as folder, choose_engine(bpy.context.scene):
         draft = Path(folder) / path.name
         bpy.ops.wm.save_as_mainfile(filepath=str(draft), compress=True)
         shutil.move(draft, path)
+
+
+def look_through_camera() -> None:
+    """Let every 3D view of the file show what the camera sees, in Solid shading."""
+    for space in (area.spaces.active for screen in bpy.data.screens for area in screen.areas):
+        if space.type == "VIEW_3D":
+            space.region_3d.view_perspective = "CAMERA"
+            space.shading.type = "SOLID"
+
+
+@contextmanager
+def choose_engine(scene: bpy.types.Scene) -> Iterator[None]:
+    """Choose this project's engine, by its name alone: Blender takes no name that no engine has, so one has it here.
+
+    A Blender without the add-on opens such a file, too, and shows the first engine of its own list.
+    """
+
+    class Namesake(bpy.types.RenderEngine):
+        bl_idname = ENGINE
+        bl_label = ENGINE
+
+    bpy.utils.register_class(Namesake)
+    try:
+        scene.render.engine = ENGINE
+        yield
+    finally:
+        bpy.utils.unregister_class(Namesake)
 
 
 # Objects

@@ -82,7 +82,6 @@ def test_stored_scene_misses_nothing(name):
     scene = open_stored(name)
     assert scene.camera is not None
     assert scene.world is not None
-    assert scene.render.engine == "CYCLES"
     assert not bpy.data.libraries
     assert all(font.filepath == "<builtin>" for font in bpy.data.fonts)
     assert not [image.name for image in bpy.data.images if image.source == "FILE" and not image.packed_file]
@@ -98,6 +97,18 @@ def test_stored_scene_misses_nothing(name):
 def test_stored_scene_is_shown_as_it_is(name):
     open_stored(name)
     assert not extract_scene(bpy.context.evaluated_depsgraph_get()).warnings
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_stored_scene_opens_with_the_engine_and_through_the_camera(name):
+    addon.register()
+    try:
+        assert open_stored(name).render.engine == addon.properties.ENGINE
+    finally:
+        addon.unregister()
+    views = [area.spaces.active for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"]
+    assert {view.region_3d.view_perspective for view in views} == {"CAMERA"}
+    assert {view.shading.type for view in views} == {"SOLID"}
 
 
 def test_settings_of_the_engine_wait_in_the_file_for_the_addon():
