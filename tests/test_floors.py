@@ -22,7 +22,18 @@ FLOORS = {
         *("surfaces", "bsdfs", "shading", "lights", "integrator", "rendering", "__init__"),
     ),
     "addon": (
-        *("versions", "passes", "properties", "extract", "scripting", "viewport", "engine", "inspector", "compare"),
+        *(
+            "versions",
+            "passes",
+            "properties",
+            "editors",
+            "extract",
+            "scripting",
+            "viewport",
+            "engine",
+            "inspector",
+            "compare",
+        ),
         *("panels", "registration", "commands", "presets", "__init__", "__main__"),
     ),
 }

@@ -59,8 +59,8 @@ def run(job: dict[str, Any], folder: Path) -> Any:
     module = import_module(f"{job['package']}.compare.ray_cast.comparison")
     with bpy.context.temp_override(scene=scene, view_layer=view_layer):
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        comparison, _ = module.compare_with_ray_cast(scene, depsgraph, *size, job["samples"])
-    return results.make_ray_cast_outcome(comparison, *size)
+        comparison, sides = module.compare_with_ray_cast(scene, depsgraph, *size, job["samples"])
+    return results.make_ray_cast_outcome(comparison, *size, sides.list_names())
 
 
 def compare_pictures(
@@ -79,8 +79,12 @@ def compare_pictures(
         (folder / "progress.new").write_text(str(min(done / total, 1.0)), encoding="utf-8")
         os.replace(folder / "progress.new", folder / "progress.txt")
 
+    def name(pixels: list[tuple[int, int]]) -> Any:
+        with bpy.context.temp_override(scene=scene, view_layer=view_layer):
+            return results.name_objects(bpy.context.evaluated_depsgraph_get(), pixels, *size)
+
     bpy.app.handlers.render_complete.append(count)
-    return results.make_cycles_outcome(module.compare_with_cycles(scene, view_layer, *size, job["samples"]))
+    return results.make_cycles_outcome(module.compare_with_cycles(scene, view_layer, *size, job["samples"]), name)
 
 
 if __name__ == "__main__":

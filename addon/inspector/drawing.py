@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from ..editors import redraw
 from .segments import Segments
 
 LINE_WIDTH, CHOSEN_WIDTH = 1.5, 4.0  # pixels at a resolution scale of 1
@@ -47,15 +48,6 @@ def clear_segments() -> None:
 def is_drawing() -> bool:
     """Return whether lines are shown."""
     return _handler is not None
-
-
-def redraw() -> None:
-    """Ask all 3D views and image editors to draw themselves anew."""
-    for manager in bpy.data.window_managers:
-        for window in manager.windows:
-            for area in window.screen.areas:
-                if area.type in ("VIEW_3D", "IMAGE_EDITOR", "PROPERTIES"):
-                    area.tag_redraw()
 
 
 def draw() -> None:

@@ -8,11 +8,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import bpy
+from bpy.app.handlers import persistent
 from bpy.props import StringProperty
 
+from ..editors import count_letters, redraw, wrap_text
 from ..engine.statistics import Statistics, last_render
 from ..extract.warnings import Warning
-from .shared import RenderPanel, count_letters, wrap_text
+from .shared import RenderPanel
 
 # More would fill the tab; the console has all.
 MOST_WARNINGS = 30
@@ -122,6 +124,28 @@ class RAYTRACER_OT_select_warned(bpy.types.Operator):
         if self.object:
             return self.object in (thing.name, thing.name_full)
         return any(slot.material and slot.material.name == self.material for slot in thing.material_slots)
+
+
+@persistent
+def show_news(*_: Any) -> None:
+    """Draw the render tab anew: Blender itself does so only when something in it was changed."""
+    redraw("PROPERTIES")
+
+
+# An animation's frame is told by the second.
+ENDS = (bpy.app.handlers.render_complete, bpy.app.handlers.render_post, bpy.app.handlers.render_cancel)
+
+
+def register() -> None:
+    """Watch for the ends of renders."""
+    for called in ENDS:
+        called.append(show_news)
+
+
+def unregister() -> None:
+    """Watch no more."""
+    for called in ENDS:
+        called.remove(show_news)
 
 
 CLASSES = (RAYTRACER_RENDER_PT_statistics, RAYTRACER_RENDER_PT_warnings, RAYTRACER_OT_select_warned)

@@ -16,11 +16,13 @@ def register() -> None:
     """Add the panels and join the built-in ones."""
     presets.register_path()
     register_classes()
+    last_render.register()
     built_in.join()
 
 
 def unregister() -> None:
     """Leave the built-in panels and take the own ones out."""
     built_in.leave()
+    last_render.unregister()
     unregister_classes()
     presets.unregister_path()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import Any
 
 from ..properties import ENGINE
@@ -31,14 +30,3 @@ def split(panel: Any) -> Any:
     panel.layout.use_property_split = True
     panel.layout.use_property_decorate = False
     return panel.layout.column()
-
-
-def count_letters(context: Any) -> int:
-    """Return about how many letters fit beside an icon in the panel's width."""
-    letter_width = 7 * context.preferences.system.ui_scale
-    return max(20, int(context.region.width / letter_width) - 8)
-
-
-def wrap_text(text: str, width: int) -> list[str]:
-    """Return `text` in lines of at most `width` letters, broken at spaces; Blender's labels do not wrap."""
-    return textwrap.wrap(text, width) or [""]

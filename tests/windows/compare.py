@@ -162,6 +162,13 @@ def record_user() -> None:
     stage.record["after"] = describe_user()
 
 
+def fill_window() -> float:
+    """Let the render tab fill the window, so that all of the panel is seen."""
+    with stage.within(stage.find_area("PROPERTIES", 1)):
+        bpy.ops.screen.screen_full_area()
+    return 2.0
+
+
 def steps() -> Iterator[stage.Step]:
     """Yield all steps."""
     yield from (prepare, choose_size)
@@ -175,6 +182,7 @@ def steps() -> Iterator[stage.Step]:
     yield start("compare_cycles")
     yield from wait()
     yield from (record_outcome("cycles"), click_worst("cycles_worst"), record_user, stage.take_picture("cycles"))
+    yield from (fill_window, stage.take_picture("list"))
 
 
 stage.play(steps())

@@ -68,6 +68,10 @@ class Sides:
             polygon[mesh == chosen] = self.polygons[chosen][triangle[mesh == chosen]]
         return self.target_of_instance[instance], polygon
 
+    def list_names(self) -> dict[int, str]:
+        """Return the names of the objects by their numbers."""
+        return {number: name for (name, _), number in self.target_of_key.items()}
+
 
 def key_of(name: str, matrix: Any) -> Key:
     """Return the Key of an object shown with a 4x4 matrix."""

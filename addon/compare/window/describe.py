@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator
 from decimal import Context, Decimal
 from fractions import Fraction
@@ -10,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ...editors import wrap_text
 from ..ray_cast.verdict import Surfaces, Verdict
+from ..results import Outcome
 from ..verdicts import AGREES, DIFFERS, UNDECIDED
 
 Line = tuple[str, tuple[str, ...]]
@@ -46,14 +47,12 @@ HEADLINES = {
     "ray_cast": {AGREES: "Right by exact arithmetic", DIFFERS: "Wrong by exact arithmetic"},
 }
 ICONS = {AGREES: "CHECKMARK", DIFFERS: "ERROR", UNDECIDED: "QUESTION"}
-# Letters in a line of a panel that is as wide as Blender opens it.
-LINE_LETTERS = 44
 
 
-def describe_outcome(kind: str, numbers: dict[str, Any]) -> tuple[str, str, list[str]]:
-    """Return the headline of a comparison's verdict, its icon, and the reason in lines that fit into a panel."""
+def describe_outcome(kind: str, numbers: dict[str, Any], letters: int) -> tuple[str, str, list[str]]:
+    """Return the headline of a comparison's verdict, its icon, and the reason in lines of so many letters."""
     reason = numbers["reason"]
-    lines = textwrap.wrap(reason[:1].upper() + reason[1:], LINE_LETTERS)
+    lines = wrap_text(reason[:1].upper() + reason[1:], letters)
     return HEADLINES[kind][numbers["verdict"]], ICONS[numbers["verdict"]], lines
 
 
@@ -64,6 +63,14 @@ def describe_numbers(kind: str, numbers: dict[str, Any]) -> Iterator[Line]:
         yield name, (layout.format(numbers[key]),)
     for name, share in numbers.get("passes", {}).items():
         yield name, (f"{share:.2%} of pixels differ",)
+
+
+def describe_map(outcome: Outcome) -> str:
+    """Return what the colors of the map mean."""
+    if outcome.kind == "ray_cast":
+        return "White: different surfaces; orange: farthest apart"
+    factor = f", brightened {outcome.gain:g} times" if outcome.gain != 1.0 else ""
+    return f"FLIP error{factor}: white is {1 / outcome.gain:g} or more"
 
 
 def describe_exact(verdict: Verdict) -> Iterator[Line]:

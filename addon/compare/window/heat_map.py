@@ -28,10 +28,18 @@ def show_heat_map(heat: NDArray[np.float32]) -> Any:
     return image
 
 
-def open_image(context: Any, image: Any) -> bool:
-    """Show an image in an image editor of this window; return whether there is one."""
-    for area in context.window.screen.areas if context.window else ():
+def open_image(window: Any, image: Any) -> bool:
+    """Show an image, as large as fits, in an image editor of a window; return whether there is one."""
+    for area in window.screen.areas if window else ():
         if area.type == "IMAGE_EDITOR":
             area.spaces.active.image = image
+            fit_image(window, area)
             return True
     return False
+
+
+def fit_image(window: Any, area: Any) -> None:
+    """Let an image fill its editor."""
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        bpy.ops.image.view_all(fit_view=True)

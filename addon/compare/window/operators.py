@@ -8,8 +8,8 @@ from typing import Any
 
 import bpy
 
+from ...editors import redraw
 from ...inspector import session as inspector
-from ...inspector.drawing import redraw
 from ...inspector.panels import find_chosen
 from . import session
 from .heat_map import IMAGE_NAME, open_image
@@ -75,12 +75,19 @@ class _Compare:
             self.report({"INFO"}, "Comparison cancelled")  # type: ignore[attr-defined]
             return {"CANCELLED"}
         if event.type == "TIMER":
-            context.window_manager.reference_raytracer_comparison.progress = _running.read_progress()
-            redraw()
+            self._show_progress(context)
             if _running.is_done():
                 context.window_manager.event_timer_remove(self._timer)
                 return self._finish(context)
         return {"PASS_THROUGH"}
+
+    def _show_progress(self, context: Any) -> None:
+        """Draw the panel anew where the progress has moved: a few times a second at most, and no picture with it."""
+        assert _running is not None
+        state, progress = context.window_manager.reference_raytracer_comparison, _running.read_progress()
+        if state.progress != progress:
+            state.progress = progress
+            redraw("PROPERTIES")
 
     def cancel(self, context: Any) -> None:
         """Blender ends the operator by itself, for instance before another file is loaded."""
@@ -106,7 +113,7 @@ class _Compare:
             return {"CANCELLED"}
         finally:
             stop()
-        open_image(context, session.keep(outcome))
+        open_image(context.window, session.keep(outcome))
         return {"FINISHED"}
 
 
@@ -169,11 +176,11 @@ class RAYTRACER_OT_show_difference(bpy.types.Operator):
     def execute(self, context: Any) -> set[str]:
         """Open the image of differences in an editor."""
         image = bpy.data.images[IMAGE_NAME]
-        if not open_image(context, image):
+        if not open_image(context.window, image):
             bpy.ops.wm.window_new()
-            area = context.window_manager.windows[-1].screen.areas[0]
-            area.type = "IMAGE_EDITOR"
-            area.spaces.active.image = image
+            window = context.window_manager.windows[-1]
+            window.screen.areas[0].type = "IMAGE_EDITOR"
+            open_image(window, image)
         return {"FINISHED"}
 
 

@@ -8,10 +8,11 @@ from typing import Any
 
 import bpy
 
+from ...editors import count_letters
 from ...inspector.panels import CATEGORY, draw_lines, find_chosen
 from ...properties import ENGINE
 from . import session
-from .describe import describe_exact, describe_numbers, describe_outcome, describe_verdict
+from .describe import describe_exact, describe_map, describe_numbers, describe_outcome, describe_verdict
 from .heat_map import IMAGE_NAME
 
 
@@ -22,7 +23,25 @@ class RAYTRACER_UL_worst(bpy.types.UIList):
         self, context: Any, layout: Any, data: Any, item: Any, icon: int, active_data: Any, active: str, index: int = 0
     ) -> None:
         """Draw a row."""
-        layout.label(text=item.name, icon="DOT")
+        draw_columns(layout, (item.apart, item.place, item.object, item.ours, item.theirs))
+
+
+# Shares of a row that its columns take, in the order of `results.Worst.columns`.
+WIDTHS = (0.17, 0.15, 0.22, 0.23, 0.23)
+# What the columns hold.
+HEADERS = {
+    "cycles": ("FLIP", "Pixel", "Object", "Ours", "Cycles"),
+    "ray_cast": ("Apart", "Ray", "Object", "Ours", "ray_cast"),
+}
+
+
+def draw_columns(layout: Any, texts: tuple[str, ...]) -> None:
+    """Draw texts side by side, in columns of WIDTHS."""
+    row, left = layout, 1.0
+    for width, text in zip(WIDTHS, texts, strict=True):
+        part = row.split(factor=min(width / left, 1.0)) if width < left else row
+        part.label(text=text)
+        row, left = part, left - width
 
 
 class RAYTRACER_RENDER_PT_compare(bpy.types.Panel):
@@ -63,7 +82,7 @@ class RAYTRACER_RENDER_PT_compare(bpy.types.Panel):
         if outcome is None:
             return
         layout = self.layout
-        headline, icon, reason = describe_outcome(outcome.kind, outcome.numbers)
+        headline, icon, reason = describe_outcome(outcome.kind, outcome.numbers, count_letters(context))
         layout.label(text=headline, icon=icon)
         lines = layout.column(align=True)
         for line in reason:
@@ -71,8 +90,10 @@ class RAYTRACER_RENDER_PT_compare(bpy.types.Panel):
         draw_lines(layout, describe_numbers(outcome.kind, outcome.numbers), factor=0.5)
         if IMAGE_NAME in bpy.data.images:
             layout.operator("raytracer.show_difference", icon="IMAGE_DATA")
+            layout.label(text=describe_map(outcome))
         if outcome.worst:
-            layout.label(text="Worst pixels" if outcome.kind == "cycles" else "Rays farthest apart")
+            layout.label(text="Worst Pixels" if outcome.kind == "cycles" else "Rays Farthest Apart")
+            draw_columns(layout, HEADERS[outcome.kind])
             layout.template_list("RAYTRACER_UL_worst", "", state, "worst", state, "worst_index", rows=5)
 
 

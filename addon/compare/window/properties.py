@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from . import session
 
@@ -43,8 +43,9 @@ def samples_property() -> Any:
 def rays_property() -> Any:
     """The rays of a comparison with Scene.ray_cast."""
     return IntProperty(
-        name="Other Rays",
-        description="Number of random rays besides the camera's, and of rays aimed at vertices and at edges",
+        name="Extra Rays",
+        description="Number of rays besides the camera's: so many in random directions, so many at vertices, "
+        "and so many at edges, where ray casters fail first",
         default=4096,
         min=1,
         soft_max=65536,
@@ -52,7 +53,13 @@ def rays_property() -> Any:
 
 
 class ReferenceRaytracerWorst(bpy.types.PropertyGroup):
-    """A row of the list of the worst pixels; `name` says what is wrong."""
+    """A row of the list of the worst pixels or rays, in the columns of `results.Worst`; `name` is all of it."""
+
+    apart: StringProperty(name="Error", description="How far the two sides are apart")  # type: ignore[valid-type]
+    place: StringProperty(name="Place", description="Pixel from the lower left corner, or kind of ray")  # type: ignore[valid-type]
+    object: StringProperty(name="Object", description="What is seen there")  # type: ignore[valid-type]
+    ours: StringProperty(name="Ours", description="What this ray tracer says")  # type: ignore[valid-type]
+    theirs: StringProperty(name="Theirs", description="What the other side says")  # type: ignore[valid-type]
 
 
 class ReferenceRaytracerComparison(bpy.types.PropertyGroup):

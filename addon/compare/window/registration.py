@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import job, operators, panels, properties, session
+from . import color_bar, job, operators, panels, properties, session
 
 
 def register() -> None:
@@ -12,11 +12,13 @@ def register() -> None:
     operators.register()
     panels.register()
     session.register()
+    color_bar.register()
 
 
 def unregister() -> None:
     """End a comparison that runs, and take everything out."""
     operators.stop()
+    color_bar.unregister()
     session.unregister()
     panels.unregister()
     operators.unregister()

@@ -48,8 +48,10 @@ def keep(outcome: Outcome) -> Any:
         rows = manager.reference_raytracer_comparison.worst
         rows.clear()
         for entry in outcome.worst:
-            rows.add().name = entry.label
-    return show_heat_map(outcome.heat)
+            row = rows.add()
+            row.apart, row.place, row.object, row.ours, row.theirs = entry.columns
+            row.name = "   ".join(entry.columns)
+    return show_heat_map(outcome.heat * np.float32(outcome.gain))
 
 
 def inspect_worst(context: Any, index: int) -> None:
@@ -58,7 +60,9 @@ def inspect_worst(context: Any, index: int) -> None:
         return
     entry, depsgraph = _outcome.worst[index], context.evaluated_depsgraph_get()
     if entry.origin:
-        inspected = inspector.inspect_ray(depsgraph, entry.origin, entry.direction, entry.label)
+        inspected = inspector.inspect_ray(
+            depsgraph, entry.origin, entry.direction, f"Ray at {entry.object} ({entry.place})"
+        )
     else:
         inspected = inspector.inspect_pixel(depsgraph, entry.x, entry.y, _size)
     judge(context, inspected.tree[0].origin, inspected.tree[0].direction)

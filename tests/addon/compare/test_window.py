@@ -16,10 +16,12 @@ import addon
 from addon.compare import results
 from addon.compare.ray_cast import verdict
 from addon.compare.ray_cast.rays import Aimed
-from addon.compare.window import describe, heat_map, job, operators, session
+from addon.compare.window import color_bar, describe, heat_map, job, operators, session
 from addon.inspector import session as inspector
 from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage
 from tests.addon.inspector.test_inspector import describe_scene
+
+LETTERS = 40  # in a line of a panel
 
 
 @pytest.fixture
@@ -43,16 +45,21 @@ def test_comparing_with_cycles_finds_agreement_and_changes_nothing(stage: Any) -
     assert outcome is not None
     assert (outcome.kind, outcome.heat.shape) == ("cycles", (HEIGHT, WIDTH))
     assert outcome.numbers["z_fail_share"] == 0.0
-    headline, icon, lines = describe.describe_outcome(outcome.kind, outcome.numbers)
+    headline, icon, lines = describe.describe_outcome(outcome.kind, outcome.numbers, LETTERS)
     assert (headline, icon) in (("Agrees with Cycles", "CHECKMARK"), ("Too few samples to tell", "QUESTION"))
     assert " ".join(lines).lower() == outcome.numbers["reason"].lower()
-    assert max(map(len, lines)) <= describe.LINE_LETTERS
+    assert max(map(len, lines)) <= LETTERS
     assert all(share == 0.0 for share in outcome.numbers["passes"].values())
     assert describe_scene(stage) == before
     assert {thing.name: list(thing.matrix_world) for thing in stage.objects} == objects
     assert set(bpy.data.images.keys()) - images == {heat_map.IMAGE_NAME}
     assert tuple(bpy.data.images[heat_map.IMAGE_NAME].size) == (WIDTH, HEIGHT)
     assert bpy.data.filepath == ""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    for entry in outcome.worst:  # the camera looks straight down, a pixel per unit length
+        above = (entry.x + 0.5 - WIDTH / 2, entry.y + 0.5 - HEIGHT / 2, 10.0)
+        seen = stage.ray_cast(depsgraph, above, (0, 0, -1))[4]
+        assert (entry.place, entry.object) == (f"{entry.x}, {entry.y}", seen.name if seen else "nothing")
 
 
 def test_comparing_with_ray_cast_lists_rays_that_can_be_inspected(stage: Any) -> None:
@@ -62,8 +69,11 @@ def test_comparing_with_ray_cast_lists_rays_that_can_be_inspected(stage: Any) ->
     numbers = outcome.numbers
     assert numbers["rays"] == WIDTH * HEIGHT + 300
     assert numbers["ours_wrong"] == 0
-    assert describe.describe_outcome(outcome.kind, numbers)[:2] == ("Right by exact arithmetic", "CHECKMARK")
-    assert [row.name for row in state.worst] == [entry.label for entry in outcome.worst]
+    assert describe.describe_outcome(outcome.kind, numbers, LETTERS)[:2] == ("Right by exact arithmetic", "CHECKMARK")
+    assert [(row.apart, row.place, row.object, row.ours, row.theirs) for row in state.worst] == [
+        entry.columns for entry in outcome.worst
+    ]
+    assert {entry.object for entry in outcome.worst} <= {"Plane", "nothing"}
     assert not state.is_running
     for index, entry in enumerate(outcome.worst[:3]):
         state.worst_index = index
@@ -82,7 +92,7 @@ def test_comparing_with_ray_cast_lists_rays_that_can_be_inspected(stage: Any) ->
 
 @pytest.mark.parametrize("kind", ["cycles", "ray_cast"])
 def test_a_difference_is_said_in_words(kind: str) -> None:
-    headline, icon, lines = describe.describe_outcome(kind, {"verdict": "differs", "reason": "depth is off"})
+    headline, icon, lines = describe.describe_outcome(kind, {"verdict": "differs", "reason": "depth is off"}, LETTERS)
     assert headline.split()[0] == ("Differs" if kind == "cycles" else "Wrong")
     assert (icon, lines) == ("ERROR", ["Depth is off"])
 
@@ -180,17 +190,31 @@ def test_ray_that_hits_different_surfaces_is_brightest_where_its_pixel_is() -> N
     other[odd], error[far] = 1, 0.25
     comparison = SimpleNamespace(
         rays=Aimed(np.zeros((count, 3)), np.ones((count, 3)), np.array(["camera"] * (count - 1) + ["edge"])),
-        ours=SimpleNamespace(target=target),
-        blender=SimpleNamespace(target=other),
+        ours=SimpleNamespace(target=target, polygon=np.full(count, 3)),
+        blender=SimpleNamespace(target=other, polygon=np.full(count, 5)),
         agreeing=target == other,
         position_error=error,
         summarise=dict,
     )
-    outcome = results.make_ray_cast_outcome(comparison, width, height)
+    outcome = results.make_ray_cast_outcome(comparison, width, height, {0: "Wall", 1: "Post"})
     assert outcome.heat[2, 2] == 1.0  # the lowest row is the last
     assert outcome.heat[0, 1] == results.LARGEST_HEAT
     assert np.count_nonzero(outcome.heat) == 2
     assert [(entry.x, entry.y) for entry in outcome.worst] == [(2, 0), (1, 2)]
+    assert [entry.columns for entry in outcome.worst] == [
+        ("surfaces", "2, 0", "Wall", "polygon 3", "Post, polygon 5"),
+        ("2.50e-01 m", "1, 2", "Wall", "polygon 3", "polygon 5"),
+    ]
+    assert outcome.gain == 1.0
+
+
+@pytest.mark.parametrize(("largest", "gain"), [(1.0, 1.0), (0.5, 2.0), (0.06, 10.0), (0.0011, 500.0), (0.0, 5000.0)])
+def test_map_is_brightened_until_its_brightest_is_white(largest: float, gain: float) -> None:
+    heat = np.full((4, 5), largest, dtype=np.float32)
+    outcome = results.Outcome("cycles", {}, heat, [])
+    assert outcome.gain == gain
+    assert describe.describe_map(outcome).endswith(f"white is {1 / gain:g} or more")
+    assert color_bar.list_marks(gain)[::4] == ["0", f"{1 / gain:g}"]
 
 
 def test_heat_map_has_the_top_row_on_top(stage: Any) -> None:
