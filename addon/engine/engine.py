@@ -25,6 +25,7 @@ from ..viewport import viewport
 from ..viewport.viewport import Viewport
 from . import animation, statistics
 from .animation import Frames
+from .first_look import show_first_look
 from .output import Border, RenderOutput, read_border
 
 # Seconds between two updates of text and progress bar, and of the picture on the screen: often enough to watch; and
@@ -108,11 +109,11 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     border = read_border(scene.render, engine.resolution_x, engine.resolution_y)
     with RenderOutput(engine, view_layer.name, border) as output:
-        engine.update_stats("", "Reading the scene")
+        progress = Progress(engine, output, count_view_layers(scene))
+        progress.show_stage("Reading the scene")
         kept = animation.find_frames(engine, depsgraph)
         extraction = read_scene(depsgraph, kept)
         warnings = (*extraction.warnings, *find_ignored_settings(scene))
-        progress = Progress(engine, output, count_view_layers(scene))
         film = trace(engine, extraction.scene, depsgraph, border, progress, kept)
         output.write(film.passes)
     if engine.is_preview:
@@ -149,27 +150,31 @@ def trace(
     engine: Any, scene: raytracer.Scene, depsgraph: Any, border: Border, progress: Progress, kept: Frames | None
 ) -> Any:
     """Return the film of one view layer."""
-    engine.update_stats("", "Building")
+    frame = engine.resolution_x, engine.resolution_y
     settings = settings_keywords(depsgraph.scene_eval)
     if engine.is_preview:
         settings |= {"samples": PREVIEW_SAMPLES, "workers": 1}  # to start workers would take longer
+    progress.show_stage("Building")
     started = time.perf_counter()
-    caster = kept.build(scene, settings["precision"]) if kept else None
+    precision = settings["precision"]
+    caster = kept.build(scene, precision) if kept else raytracer.build(scene, precision)
     build_seconds = time.perf_counter() - started
+    if progress.is_watched:
+        progress.show_stage("First look")
+        show_first_look(progress.output, scene, caster, frame, border, settings, engine.test_break)
     film = raytracer.render(
         scene,
-        engine.resolution_x,
-        engine.resolution_y,
+        *frame,
         caster=caster,
         passes=enabled_passes(depsgraph.view_layer_eval),
         border=border,
         on_sweep=progress.show_pass,
         on_progress=progress.show_share,
+        on_stage=progress.show_stage,
         is_cancelled=engine.test_break,
         **settings,
     )
-    if kept:
-        film.statistics.build_seconds = build_seconds
+    film.statistics.build_seconds = build_seconds
     return film
 
 
@@ -191,12 +196,18 @@ class Progress:
     """Tells the user how far the frame is, and shows the picture so far."""
 
     def __init__(self, engine: Any, output: RenderOutput, layer_count: int) -> None:
+        self.output = output
+        self.is_watched = not (bpy.app.background or engine.is_preview)
         self._engine = engine
-        self._output = output
         self._layer_count = max(layer_count, engine.layers_done + 1)
         self._samples = ""
         self._first: tuple[float, float] | None = None  # time and share when tracing had begun
         self._next_text = self._next_picture = time.perf_counter()
+
+    def show_stage(self, stage: str) -> None:
+        """Say what begins; the bar stands at what the view layers before have done."""
+        self._engine.update_stats("", stage)
+        self._engine.update_progress(self._engine.layers_done / self._layer_count)
 
     def show_share(self, share: float) -> None:
         """Update progress bar, remaining time and listeners; `share` of this view layer is done."""
@@ -224,10 +235,10 @@ class Progress:
         """Count the samples; update the picture now and then, where there is a screen to see it on."""
         self._samples = f"Sample {done}/{total} | "
         started = time.perf_counter()
-        if bpy.app.background or done == total or started < self._next_picture:
+        if not self.is_watched or done == total or started < self._next_picture:
             return
-        self._output.write(film.passes)
-        self._output.show()
+        self.output.write(film.passes)
+        self.output.show()
         finished = time.perf_counter()
         self._next_picture = finished + max(PICTURE_INTERVAL, (finished - started) / PICTURE_SHARE)
 

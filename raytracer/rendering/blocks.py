@@ -32,10 +32,16 @@ BLOCK_SECONDS = 1.0
 
 # Camera rays; with fewer at a time NumPy's calls cost more than its arithmetic in the later waves of mirrors and glass.
 SMALLEST_BLOCK = 1 << 17
+# Camera rays of the first blocks, doubled until they are as large: a sign of progress, and of the pace, comes early.
+FIRST_BLOCK = 1 << 14
 
 
 def _never() -> bool:
     return False
+
+
+def _say_nothing(stage: str) -> None:
+    pass
 
 
 @dataclass(frozen=True)
@@ -134,10 +140,12 @@ class BlockPlan:
 
     def __iter__(self) -> Iterator[Block]:
         sample = start = 0
+        first = FIRST_BLOCK
         while sample < self.sweeps:
+            size, first = min(self._size, first), 2 * first
             rest = self.pixels - start
-            stop = start + -(-rest // -(-rest // self._size))
-            together = max(1, self._size // self.pixels) if start == 0 else 1
+            stop = start + -(-rest // -(-rest // size))
+            together = max(1, size // self.pixels) if start == 0 else 1
             block = Block(sample, start, stop, min(together, self.sweeps - sample))
             yield block
             start = stop % self.pixels
@@ -162,12 +170,15 @@ def trace_blocks(
     tracer_arguments: tuple[Scene, Caster, FrameWindow, Settings],
     blocks: Iterable[Block],
     is_cancelled: Callable[[], bool],
+    on_stage: Callable[[str], None] = _say_nothing,
 ) -> Iterator[BlockResult]:
     """Yield the results of `blocks` in order, until `is_cancelled()`."""
     if pool is not None:
         pool.load(BlockTracer, *tracer_arguments)
+        on_stage("Tracing")
         yield from pool.run(blocks, is_cancelled)
         return
+    on_stage("Tracing")
     tracer = BlockTracer(*tracer_arguments, is_cancelled)
     for block in blocks:
         try:

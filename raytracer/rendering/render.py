@@ -19,7 +19,15 @@ from raytracer.integrator.integrator import catches_shadows
 from raytracer.integrator.settings import Settings
 from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers
-from raytracer.rendering.blocks import BlockPlan, BlockResult, _never, count_sweeps, make_window, trace_blocks
+from raytracer.rendering.blocks import (
+    BlockPlan,
+    BlockResult,
+    _never,
+    _say_nothing,
+    count_sweeps,
+    make_window,
+    trace_blocks,
+)
 from raytracer.scene.scene import Scene
 
 SweepCallback = Callable[[Film, int, int], None]
@@ -35,6 +43,7 @@ def render(
     workers: int | Pool = 1,
     on_sweep: SweepCallback | None = None,
     on_progress: Callable[[float], None] | None = None,
+    on_stage: Callable[[str], None] | None = None,
     is_cancelled: Callable[[], bool] | None = None,
     **settings: Any,
 ) -> Film:
@@ -48,6 +57,7 @@ def render(
     workers : number of processes, or a Pool, such as Workers that are running already (they keep running)
     on_sweep : called with (film, done, total) after each sweep over the picture; the film can be read meanwhile
     on_progress : called with the finished share, 0 to 1, after each block of pixels
+    on_stage : called with what begins: "Building", "Starting 2 workers", "Tracing"
     is_cancelled : asked several times a second; True ends the render with the film as it is
     settings : the other fields of `Settings` by name
 
@@ -80,14 +90,18 @@ def render(
     window = make_window(scene, width, height, chosen)
     film = Film(window.width, window.height, chosen.passes, catches=catches_shadows(derive_features(scene), chosen))
     plan = BlockPlan(window.width * window.height, count_sweeps(chosen), chosen.block_size)
+    tell = on_stage or _say_nothing
     started = time.perf_counter()
-    caster = caster or build(scene, chosen.precision)
+    if caster is None:
+        tell("Building")
+        caster = build(scene, chosen.precision)
     film.statistics.build_seconds = time.perf_counter() - started
     with ExitStack() as stack:
         pool = workers if isinstance(workers, Pool) else None
         if chosen.workers > 1 and pool is None:
+            tell(f"Starting {chosen.workers} workers")
             pool = stack.enter_context(Workers(chosen.workers))
-        results = trace_blocks(pool, (scene, caster, window, chosen), plan, is_cancelled or _never)
+        results = trace_blocks(pool, (scene, caster, window, chosen), plan, is_cancelled or _never, tell)
         accumulate(film, plan, results, on_sweep, on_progress)
     film.cancelled = film.samples < plan.sweeps
     return film

@@ -79,3 +79,9 @@ def test_all_tabs_are_drawn_and_the_addon_comes_and_goes(tmp_path: Path) -> None
     assert set(report["engines"]) == {"BLENDER_EEVEE"}
     before, after = report["types"]
     assert before == after
+
+
+def test_a_render_shows_a_first_look_and_its_statistics_unasked(tmp_path: Path) -> None:
+    report = drive("first_look.py", tmp_path)
+    assert (report["engine"], report["view"]) == ("REFERENCE_RAYTRACER", "CAMERA")
+    assert {"opened", "first_look", "later", "done"} == {path.stem for path in tmp_path.glob("*.png")}

@@ -14,7 +14,7 @@ from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import blocks
 from raytracer.rendering import render as render_module
-from raytracer.rendering.blocks import SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_window
+from raytracer.rendering.blocks import FIRST_BLOCK, SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_window
 from raytracer.rendering.render import render
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.camera import Camera
@@ -284,6 +284,16 @@ def test_cancelling_workers_returns_the_film_so_far_and_they_go_on():
         assert not render(scene, 40, 30, 1, **keywords).cancelled
 
 
+def test_stages_are_told_as_they_begin():
+    scene, stages = make_lit_scene(), []
+    film = render(scene, WIDTH, HEIGHT, 1, on_stage=stages.append)
+    assert stages == ["Building", "Tracing"]
+    stages.clear()
+    same = render(scene, WIDTH, HEIGHT, 1, workers=2, caster=raytracer.build(scene), on_stage=stages.append)
+    assert stages == ["Starting 2 workers", "Tracing"]
+    np.testing.assert_array_equal(same["Combined"], film["Combined"])
+
+
 def make_result(block, seconds):
     return BlockResult(block, {}, None, 0, seconds)
 
@@ -305,8 +315,8 @@ def test_plan_fits_blocks_to_the_time_they_take():
         for block in plan:
             blocks.append(block.stop - block.start)
             plan.observe(make_result(block, blocks[-1] * microseconds * 1e-6))
-        assert SMALLEST_BLOCK == 131072
-        assert 0.99 * SMALLEST_BLOCK < blocks[0] <= SMALLEST_BLOCK
+        assert 0.99 * FIRST_BLOCK < blocks[0] <= FIRST_BLOCK
+        assert 0.99 * SMALLEST_BLOCK < blocks[3] <= SMALLEST_BLOCK
         assert 0.9 * size < blocks[-1] <= size
         assert max(b / a for a, b in itertools.pairwise(blocks)) <= 2.05
 
@@ -317,13 +327,14 @@ def test_plan_cuts_what_is_left_of_a_pass_evenly():
     for block in plan:
         sizes.append(block.stop - block.start)
         plan.observe(make_result(block, 1e-6 * sizes[-1]))
-    assert sizes == [35000] * 6
+    assert sizes == [14_000, 28_000, 28_000] + [35_000] * 4
 
 
 def test_plan_learns_nothing_from_the_short_rest_of_a_pass():
     plan = BlockPlan(pixels=100_000, sweeps=2, largest=80_000)
     plan.observe(make_result(Block(0, 90_000, 100_000), 100.0))
-    assert next(iter(plan)).stop == 50_000
+    sizes = [block.stop - block.start for block in plan]
+    assert sizes[-2:] == [50_000, 50_000]
 
 
 def test_a_block_of_chosen_pixels_sees_what_the_run_sees():
