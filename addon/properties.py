@@ -37,6 +37,10 @@ PIXEL_FILTERS = (
     ("BOX", "Box", "Sharp: plain average over a square; a narrow box gives values at pixel centers"),
 )
 
+WORKERS_MODES = (
+    ("AUTO", "Auto-Detect", "One render process per CPU core"),
+    ("FIXED", "Fixed", "Choose the number of render processes"),
+)
 
 INTEGRATORS = (
     ("PATH", "Path", "Full global illumination, as in Cycles"),
@@ -65,6 +69,15 @@ def _light_limit(name: str, which: str, default: float) -> Any:
         min=0.0,
         soft_max=100.0,
     )
+
+
+def _get_workers_mode(settings: Any) -> int:
+    return int(settings.workers > 0)
+
+
+def _set_workers_mode(settings: Any, mode: int) -> None:
+    """Let the number of workers follow the CPU cores, or fix it at what it is now."""
+    settings.workers = (settings.workers or count_processors()) if mode else 0
 
 
 class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
@@ -108,6 +121,13 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
         default=1.0,
         min=0.0,
         max=10.0,
+    )
+    workers_mode: EnumProperty(  # type: ignore[valid-type]
+        name="Workers Mode",
+        description="How many processes render; the image does not depend on it",
+        items=WORKERS_MODES,
+        get=_get_workers_mode,
+        set=_set_workers_mode,
     )
     workers: IntProperty(  # type: ignore[valid-type]
         name="Workers",

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ..properties import BOUNCE_LIMITS
+from ..properties import BOUNCE_LIMITS, count_processors
 from .presets import RAYTRACER_PT_sampling_presets
 from .shared import RenderPanel, split
 
@@ -98,7 +98,14 @@ class RAYTRACER_RENDER_PT_performance(RenderPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Any) -> None:
-        split(self).prop(context.scene.reference_raytracer, "workers")
+        column, settings = split(self), context.scene.reference_raytracer
+        column.prop(settings, "workers_mode")
+        column = column.column()
+        column.enabled = settings.workers_mode == "FIXED"
+        if column.enabled:
+            column.prop(settings, "workers")
+        else:
+            column.label(text=f"Workers: {count_processors()}")
 
 
 class RAYTRACER_RENDER_PT_simplify(RenderPanel, bpy.types.Panel):

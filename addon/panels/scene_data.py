@@ -8,6 +8,9 @@ from typing import Any
 
 import bpy
 
+from raytracer.scene.fields import SEEN_BY
+
+from .. import versions
 from ..extract.instances import RAY_VISIBILITY
 from .shared import EnginePanel, split
 
@@ -36,6 +39,35 @@ class RAYTRACER_LIGHT_PT_tracing(EnginePanel, bpy.types.Panel):
         column.prop(context.light, "use_shadow", text="Cast Shadow")
         if context.light.type == "AREA":
             column.prop(context.light, "spread")
+
+
+class RAYTRACER_LIGHT_PT_nodes(EnginePanel, bpy.types.Panel):
+    """The shader nodes of a light."""
+
+    bl_label = "Nodes"
+    bl_context = "data"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return context.light is not None and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        draw_nodes(self.layout, context.light)
+
+
+def draw_nodes(layout: Any, owner: Any) -> None:
+    """Draw the nodes that feed the surface of a light or of a world, as Blender does."""
+    layout.use_property_split = True
+    tree = versions.find_node_tree(owner)
+    if tree is None:
+        layout.prop(owner, "use_nodes", icon="NODETREE")
+        return
+    output = versions.find_output_node(tree)
+    if output is None:
+        layout.label(text="No output node")
+        return
+    layout.template_node_view(tree, output, output.inputs["Surface"])
 
 
 class RAYTRACER_OBJECT_PT_shadow_catcher(EnginePanel, bpy.types.Panel):
@@ -105,10 +137,50 @@ class RAYTRACER_WORLD_PT_preview(EnginePanel, bpy.types.Panel):
         self.layout.template_preview(context.world)
 
 
+class RAYTRACER_WORLD_PT_surface(EnginePanel, bpy.types.Panel):
+    """The shader nodes of the world; EEVEE's panel would stand above Preview."""
+
+    bl_label = "Surface"
+    bl_context = "world"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return context.world is not None and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        self.layout.separator()
+        draw_nodes(self.layout, context.world)
+        if versions.find_node_tree(context.world) is None:
+            self.layout.prop(context.world, "color")
+
+
+class RAYTRACER_WORLD_PT_ray_visibility(EnginePanel, bpy.types.Panel):
+    """Which rays see the world."""
+
+    bl_label = "Ray Visibility"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        # The settings are those of Cycles, which can be disabled.
+        has_world = hasattr(context.world, "cycles_visibility")
+        return has_world and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        column, visibility = split(self).column(align=True), context.world.cycles_visibility
+        for name in SEEN_BY:
+            if name != "shadow":  # the world casts none
+                column.prop(visibility, name)
+
+
 CLASSES = (
     RAYTRACER_LIGHT_PT_tracing,
+    RAYTRACER_LIGHT_PT_nodes,
     RAYTRACER_OBJECT_PT_shadow_catcher,
     RAYTRACER_OBJECT_PT_ray_visibility,
     RAYTRACER_MATERIAL_PT_settings,
     RAYTRACER_WORLD_PT_preview,
+    RAYTRACER_WORLD_PT_surface,
+    RAYTRACER_WORLD_PT_ray_visibility,
 )

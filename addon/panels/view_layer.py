@@ -12,19 +12,6 @@ from ..passes import PASSES
 from .shared import EnginePanel, split
 
 
-class RAYTRACER_VIEWLAYER_PT_passes(EnginePanel, bpy.types.Panel):
-    """Which passes a view layer renders."""
-
-    bl_label = "Passes"
-    bl_context = "view_layer"
-
-    def draw(self, context: Any) -> None:
-        column = split(self).column(heading="Include", align=True)
-        for name, stored in PASSES.items():
-            if name != "Combined":
-                column.prop(context.view_layer, stored.option, text=name)
-
-
 class RAYTRACER_VIEWLAYER_PT_filter(EnginePanel, bpy.types.Panel):
     """What a view layer leaves out of its scene."""
 
@@ -52,4 +39,17 @@ class RAYTRACER_VIEWLAYER_PT_override(EnginePanel, bpy.types.Panel):
             column.prop(layer, "world_override", text="World")
 
 
-CLASSES = (RAYTRACER_VIEWLAYER_PT_passes, RAYTRACER_VIEWLAYER_PT_filter, RAYTRACER_VIEWLAYER_PT_override)
+class RAYTRACER_VIEWLAYER_PT_passes(EnginePanel, bpy.types.Panel):
+    """Which passes a view layer renders."""
+
+    bl_label = "Passes"
+    bl_context = "view_layer"
+
+    def draw(self, context: Any) -> None:
+        column = split(self).column(heading="Include", align=True)
+        for name, stored in PASSES.items():
+            if name != "Combined":
+                column.prop(context.view_layer, stored.option, text=name)
+
+
+CLASSES = (RAYTRACER_VIEWLAYER_PT_filter, RAYTRACER_VIEWLAYER_PT_override, RAYTRACER_VIEWLAYER_PT_passes)

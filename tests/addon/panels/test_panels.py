@@ -11,7 +11,7 @@ import pytest
 
 import addon
 import raytracer
-from addon import inspector, panels, properties
+from addon import inspector, panels, properties, versions
 from addon.compare import window
 from addon.engine import statistics
 from addon.extract.warnings import Warning
@@ -41,6 +41,7 @@ class RecordingLayout:
         self.names: list[str] = []
         self.texts: list[str] = []
         self.buttons: list[Any] = []
+        self.views: list[Any] = []
 
     def prop(self, data: Any, name: str, **options: Any) -> None:
         assert name in data.bl_rna.properties, f"{data} has no property {name}"
@@ -52,6 +53,12 @@ class RecordingLayout:
     def operator(self, name: str, **options: Any) -> Any:
         self.buttons.append(SimpleNamespace(name=name))
         return self.buttons[-1]
+
+    def template_node_view(self, tree: Any, node: Any, socket: Any) -> None:
+        self.views.append((tree, node, socket))
+
+    def separator(self) -> None:
+        pass
 
     def column(self, **options: Any) -> RecordingLayout:
         return self
@@ -113,6 +120,8 @@ def test_register_twice_in_a_row_works(empty_scene: Any) -> None:
 
 def test_every_setting_is_drawn_once_and_explained(empty_scene: Any, registered: None) -> None:
     chosen = [panel for panel in render.CLASSES if panel is not render.RAYTRACER_RENDER_PT_simplify]
+    assert "Workers: " in " ".join(draw(render.RAYTRACER_RENDER_PT_performance).texts)
+    empty_scene.reference_raytracer.workers_mode = "FIXED"
     drawn = [name for panel in chosen for name in draw(panel).names]
     own = [
         item
@@ -131,6 +140,18 @@ def test_settings_reach_the_ray_tracer_by_their_names(empty_scene: Any, register
     empty_scene.reference_raytracer.pixel_filter = "BOX"
     assert properties.settings_keywords(empty_scene)["workers"] == 3
     assert properties.settings_keywords(empty_scene)["pixel_filter"] == "box"
+
+
+def test_workers_follow_the_processors_until_they_are_fixed(empty_scene: Any, registered: None) -> None:
+    own = empty_scene.reference_raytracer
+    assert (own.workers_mode, own.workers) == ("AUTO", 0)
+    own.workers_mode = "FIXED"
+    assert own.workers == properties.count_processors()
+    own.workers = 3
+    own.workers_mode = "FIXED"
+    assert (own.workers_mode, own.workers) == ("FIXED", 3)
+    own.workers_mode = "AUTO"
+    assert own.workers == 0
 
 
 def test_choices_are_those_of_the_ray_tracer() -> None:
@@ -161,6 +182,23 @@ def test_light_panel_draws_every_kind_of_light(empty_scene: Any, registered: Non
     light = bpy.data.lights.new("Light", kind)
     names = draw(scene_data.RAYTRACER_LIGHT_PT_tracing, light=light).names
     assert names == ["use_shadow", "spread"] if kind == "AREA" else ["use_shadow"]
+
+
+def test_world_and_light_panels_draw_their_nodes(empty_scene: Any, registered: None) -> None:
+    world, light = bpy.data.worlds.new("World"), bpy.data.lights.new("Light", "SUN")
+    for owner in (world, light):
+        if versions.find_node_tree(owner) is None:
+            owner.use_nodes = True
+    for panel, name, owner in (
+        (scene_data.RAYTRACER_WORLD_PT_surface, "world", world),
+        (scene_data.RAYTRACER_LIGHT_PT_nodes, "light", light),
+    ):
+        (tree, output, socket) = draw(panel, **{name: owner}).views[0]
+        assert (tree, output.type, socket.name) == (owner.node_tree, f"OUTPUT_{name.upper()}", "Surface")
+        owner.node_tree.nodes.clear()
+        assert draw(panel, **{name: owner}).texts == ["No output node"]
+    names = draw(scene_data.RAYTRACER_WORLD_PT_ray_visibility, world=world).names
+    assert names == ["camera", "diffuse", "glossy", "transmission"]
 
 
 def record_statistics(scene: Any, **changes: Any) -> None:
