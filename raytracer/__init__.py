@@ -12,7 +12,7 @@ from raytracer.film.film import Film
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import WorkerError, Workers
 from raytracer.rendering.render import render
-from raytracer.scene.camera import Camera
+from raytracer.scene.camera import Camera, Panorama
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
 from raytracer.scene.programs import Image, Program, Register, Step, TiledImage
@@ -31,6 +31,7 @@ __all__ = [
     "Instances",
     "Material",
     "Mesh",
+    "Panorama",
     "PointLight",
     "Program",
     "Rays",

@@ -16,7 +16,16 @@ import raytracer
 
 from .warnings import WarningList
 
-PROJECTIONS = {"PERSP": "perspective", "ORTHO": "orthographic"}
+PROJECTIONS = {"PERSP": "perspective", "ORTHO": "orthographic", "PANO": "panorama"}
+PANORAMAS = {
+    "EQUIRECTANGULAR": "equirectangular",
+    "EQUIANGULAR_CUBEMAP_FACE": "cube_face",
+    "MIRRORBALL": "mirror_ball",
+    "FISHEYE_EQUIDISTANT": "fisheye_equidistant",
+    "FISHEYE_EQUISOLID": "fisheye_equisolid",
+    "FISHEYE_LENS_POLYNOMIAL": "fisheye_polynomial",
+    "CENTRAL_CYLINDRICAL": "cylinder",
+}
 
 # Cycles' clipping range, and sensor, for objects that are no cameras.
 OBJECT_CLIP_START, OBJECT_CLIP_END = 1e-5, 1e5
@@ -68,8 +77,33 @@ def read_camera(camera: Any, render: Any, warnings: WarningList) -> raytracer.Ca
         clip_start=lens.clip_start,
         clip_end=max(lens.clip_end, lens.clip_start),
         pixel_aspect=pixel_aspect,
+        panorama=read_panorama(lens) if lens.type == "PANO" else None,
         **(read_aperture(lens, world_from_camera) if lens.dof.use_dof else {}),
     )
+
+
+def read_panorama(lens: Any) -> raytracer.Panorama:
+    """Return how a panoramic camera maps directions to its picture."""
+    return raytracer.Panorama(
+        PANORAMAS[lens.panorama_type],
+        longitude=(lens.longitude_min, lens.longitude_max),
+        latitude=(lens.latitude_min, lens.latitude_max),
+        field_of_view=lens.fisheye_fov,
+        lens=lens.fisheye_lens,
+        polynomial=tuple(getattr(lens, f"fisheye_polynomial_k{power}") for power in range(5)),
+        cylinder=read_cylinder(lens),
+    )
+
+
+def read_cylinder(lens: Any) -> tuple[float, float, float, float]:
+    """Return the longitudes at left and right, and the heights on a cylinder of radius 1, of a central cylinder."""
+    if not hasattr(lens, "central_cylindrical_radius"):  # came after 4.2
+        return -math.pi, math.pi, -1.0, 1.0
+    low, high, radius = (
+        getattr(lens, f"central_cylindrical_{name}") for name in ("range_v_min", "range_v_max", "radius")
+    )
+    left, right = lens.central_cylindrical_range_u_min, lens.central_cylindrical_range_u_max
+    return left, right, low / radius, high / radius
 
 
 def read_aperture(lens: Any, world_from_camera: NDArray[np.float64]) -> dict[str, Any]:

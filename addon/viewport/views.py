@@ -79,8 +79,10 @@ def read_view(region: Any, region_data: Any, space: Any, scene: Any) -> RegionVi
         camera = show_window(pinhole(matrix, find_clip(space, window)), window)
         return RegionView(camera, *size, find_border(space.use_render_border, read_borders(space, "render_"), size))
     lens = read_camera(seen_from, scene.render, WarningList())
-    fractions = place_in_window(read_borders(scene.render, ""), find_frame(lens, scene.render), window)
-    return RegionView(show_window(lens, window), *size, find_border(scene.render.use_border, fractions, size))
+    frame = find_frame(lens, scene.render)
+    fractions = place_in_window(read_borders(scene.render, ""), frame, window)
+    shown = show_window(lens, window) if lens.panorama is None else show_panorama(lens, frame, window)
+    return RegionView(shown, *size, find_border(scene.render.use_border, fractions, size))
 
 
 def find_camera(region_data: Any, space: Any, scene: Any) -> Any:
@@ -135,13 +137,26 @@ def show_window(camera: raytracer.Camera, window: Window) -> raytracer.Camera:
     )
 
 
+def show_panorama(camera: raytracer.Camera, frame: Window, window: Window) -> raytracer.Camera:
+    """Return the panoramic camera with its picture in a frame, such as a perspective camera's, of the window."""
+    assert camera.panorama is not None
+    span = window.width / frame.width, window.height / frame.height
+    return replace(
+        camera,
+        panorama=replace(camera.panorama, span=span),
+        shift_x=camera.shift_x + (window.left - frame.left) / frame.width,
+        shift_y=camera.shift_y + (window.bottom - frame.bottom) / frame.height,
+        pixel_aspect=1.0,
+    )
+
+
 def find_frame(camera: raytracer.Camera, render: Any) -> Window:
     """Return the rectangle that a render of the camera shows, as a viewport's window."""
     width, height = render.resolution_x, render.resolution_y
     fitted, extent = measure_fitted_side(camera, width, height), measure_film_extent(camera)
     half_x, half_y = extent * width / fitted / 2, extent * height / (camera.pixel_aspect * fitted) / 2
     x, y = extent * camera.shift_x, extent * camera.shift_y
-    return Window(x - half_x, y - half_y, x + half_x, y + half_y, camera.projection == "perspective")
+    return Window(x - half_x, y - half_y, x + half_x, y + half_y, camera.projection != "orthographic")
 
 
 def read_borders(owner: Any, prefix: str) -> tuple[float, float, float, float]:

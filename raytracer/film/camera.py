@@ -4,6 +4,8 @@ A camera ray is the lecture's line through two points, p + t (q - p): p is the e
 plane, which stands one metre in front of the eye. So t is the depth along the viewing axis, in metres, for perspective
 and orthographic cameras alike: Blender's clipping planes are exactly t_min and t_max, and the Depth pass is t.
 
+A panorama has no film plane: a point of its picture is a direction (`panorama`), of length 1, and t the distance.
+
 A lens has extent: rays start all over it, and those of one point of the picture meet in the plane of focus. With the
 start l on the lens, and the focus at the distance f, p becomes p + l and the direction d becomes d - l / f.
 
@@ -12,10 +14,13 @@ Camera space is Blender's: x right, y up, looking along -z.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from raytracer.arrays.types import Floats
 from raytracer.casting.rays import Rays
+from raytracer.film.panorama import find_directions, find_on_panorama, normalize_exactly, require_panorama
 from raytracer.lecture import line_through
 from raytracer.sampling.warps import sample_disk
 from raytracer.scene.camera import Camera
@@ -35,21 +40,51 @@ def primary_rays(camera: Camera, width: int, height: int, x: Floats, y: Floats, 
 
     Returns
     -------
-    Rays of n, world space; t is the depth along the viewing axis, from clip_start to clip_end
+    Rays of n, world space; t is the depth along the viewing axis, from clip_start to clip_end; of a panorama, the
+    distance, and the direction is 0 where its lens shows nothing
     """
+    if camera.projection == "panorama":
+        return panoramic_rays(camera, find_directions(camera, width, height, x, y), lens)
     film = locate_on_film(camera, width, height, x, y)  # (n, 3)
     eye = np.zeros(3) if camera.projection == "perspective" else film + np.array([0.0, 0.0, FILM_DEPTH])
     origins, directions = line_through(eye, film)
     if lens is not None and camera.aperture_radius > 0:
         start = np.pad(sample_aperture(camera, lens), ((0, 0), (0, 1)))  # (n, 3)
         origins, directions = origins + start, directions - start / camera.focus_distance
+    return place_rays(camera, origins, directions)
+
+
+def place_rays(camera: Camera, origins: Floats, directions: Floats) -> Rays:
+    """Return rays (n, 3) of camera space in world space, within the camera's clipping planes."""
     matrix = camera.world_from_camera
     return Rays(
         origins=_rotate(matrix, origins) + matrix[:3, 3],
         directions=_rotate(matrix, directions),
-        t_min=np.full(len(film), camera.clip_start),
-        t_max=np.full(len(film), camera.clip_end),
+        t_min=np.full(len(directions), camera.clip_start),
+        t_max=np.full(len(directions), camera.clip_end),
     )
+
+
+def panoramic_rays(camera: Camera, directions: Floats, lens: Floats | None) -> Rays:
+    """Return the rays of a panorama in directions (n, 3) of camera space, unit or 0.
+
+    A ray starts on a lens that faces its own direction d, with a polygon's corners turned like Cycles': the lens' first
+    axis is the viewing axis (of a mirror ball, x) without its part along d.
+    """
+    origins = np.zeros_like(directions)
+    if lens is not None and camera.aperture_radius > 0:
+        is_ball = require_panorama(camera).kind == "mirror_ball"
+        axis = np.array([1.0, 0.0, 0.0] if is_ball else [0.0, 0.0, -1.0])
+        seen = directions.any(axis=1)
+        first = axis - (directions @ axis)[:, np.newaxis] * directions
+        first = np.where(first.any(axis=1)[:, np.newaxis], first, np.array([0.0, 1.0, 0.0]))
+        first = normalize_exactly(first)
+        second = np.cross(directions, first) * (-1.0 if is_ball else 1.0)
+        place = sample_aperture(camera, lens)
+        origins = (place[:, :1] * first + place[:, 1:] * second) * seen[:, np.newaxis]
+        directions = normalize_exactly(directions * camera.focus_distance - origins)
+    rays = place_rays(camera, origins, directions)
+    return replace(rays, directions=normalize_exactly(rays.directions))
 
 
 def sample_aperture(camera: Camera, pair: Floats) -> Floats:
@@ -93,6 +128,8 @@ def locate_on_film(camera: Camera, width: int, height: int, x: Floats, y: Floats
 
 def find_on_film(camera: Camera, width: int, height: int, points: Floats) -> tuple[Floats, Floats]:
     """Return where points (n, 3) of camera space are seen, x and y (n,) in pixels: the inverse of `locate_on_film`."""
+    if camera.projection == "panorama":
+        return find_on_panorama(camera, width, height, points)
     fitted = measure_fitted_side(camera, width, height)
     extent = measure_film_extent(camera)
     depth = -points[:, 2] / FILM_DEPTH if camera.projection == "perspective" else np.ones(len(points))

@@ -11,8 +11,9 @@ import numpy as np
 
 from raytracer.arrays.types import Floats, Indices
 from raytracer.casting.caster import Caster
+from raytracer.casting.rays import Rays
 from raytracer.film.camera import primary_rays
-from raytracer.film.passes import select_passes
+from raytracer.film.passes import STORED, select_passes
 from raytracer.film.pixel_filter import sample_pixel_filter
 from raytracer.integrator.integrator import Integrator, prepare
 from raytracer.integrator.loop import trace
@@ -235,7 +236,24 @@ class BlockTracer:
         self, integrator: Integrator, x: Floats, y: Floats, samples: SobolSamples, lens: Floats | None = None
     ) -> Mapping[str, Floats]:
         rays = primary_rays(self._window.camera, self._window.full_width, self._window.full_height, x, y, lens)
-        return trace(integrator, rays, samples)
+        if self._window.camera.panorama is None:
+            return trace(integrator, rays, samples)
+        return trace_seen(integrator, rays, samples)
+
+
+def trace_seen(integrator: Integrator, rays: Rays, samples: SobolSamples) -> Mapping[str, Floats]:
+    """Trace the rays that a panorama's lens lets through: those with a direction.
+
+    Elsewhere the lens itself is seen, as in Cycles: black, opaque, and else a miss.
+    """
+    seen = np.flatnonzero(rays.directions.any(axis=1))
+    values = trace(integrator, rays.select(seen), samples.select(seen))
+    whole = {name: np.full((len(rays), *part.shape[1:]), STORED[name].miss) for name, part in values.items()}
+    if "Combined" in whole:
+        whole["Combined"][:, 3] = 1.0
+    for name, part in values.items():
+        whole[name][seen] = part
+    return whole
 
 
 def locate_pixels(window: FrameWindow, block: Block, seed: int) -> tuple[SobolSamples, Floats, Floats]:

@@ -154,11 +154,14 @@ def coarsen(camera: Camera, width: int, height: int, factor: int) -> Camera:
 
     With extent e and shift s, the point x of the frame is seen at e ((x - w / 2) / fitted + s); at x = factor X that
     is e' ((X - w' / 2) / fitted' + s'), where w' = ceil(w / factor), e' = e factor fitted' / fitted and
-    s' = e / e' ((factor w' - w) / (2 fitted) + s).
+    s' = e / e' ((factor w' - w) / (2 fitted) + s). A panorama spans as much more as the coarse pixels reach over.
     """
     if factor == 1:
         return camera
     columns, rows = -(-width // factor), -(-height // factor)
+    if camera.panorama is not None:
+        span = camera.panorama.span[0] * factor * columns / width, camera.panorama.span[1] * factor * rows / height
+        return replace(camera, panorama=replace(camera.panorama, span=span))
     fit = "horizontal" if measure_fitted_side(camera, width, height) == width else "vertical"
     fixed = replace(camera, sensor_fit=fit, sensor_height=_sensor_side(camera), sensor_width=_sensor_side(camera))
     fitted = measure_fitted_side(fixed, width, height)

@@ -1,4 +1,4 @@
-"""The camera, as Blender sets it up: perspective or orthographic, with a lens."""
+"""The camera, as Blender sets it up: perspective, orthographic or panoramic, with a lens."""
 
 from __future__ import annotations
 
@@ -10,17 +10,60 @@ import numpy as np
 from raytracer.arrays.checks import as_array, require_choice, require_range
 from raytracer.scene.fields import set_array, set_count, set_field, set_number
 
+PROJECTIONS = ("perspective", "orthographic", "panorama")
+PANORAMAS = (
+    *("equirectangular", "cube_face", "mirror_ball", "cylinder"),
+    *("fisheye_equidistant", "fisheye_equisolid", "fisheye_polynomial"),
+)
+
+
+# Angles, heights and coefficients beyond it mean nothing, and would overflow.
+LARGEST = 1e30
+
+
+@dataclass(frozen=True, eq=False)
+class Panorama:
+    """How a panoramic camera maps directions to its picture; see `film.panorama`.
+
+    kind : one of PANORAMAS
+    longitude, latitude : radians at the left and right, and the lower and upper edge, of an equirectangular picture
+    field_of_view : radians, of fisheyes; lens : mm, focal length of an equisolid one
+    polynomial : the five coefficients of a polynomial lens, radians per mm^k
+    cylinder : longitudes at left and right, heights at the lower and upper edge of a cylinder of radius 1
+    span : width and height of the picture in those of the whole panorama: a viewport shows more or less than that
+    """
+
+    kind: str = "equirectangular"
+    longitude: tuple[float, float] = (-np.pi, np.pi)
+    latitude: tuple[float, float] = (-np.pi / 2, np.pi / 2)
+    field_of_view: float = np.pi
+    lens: float = 10.5
+    polynomial: tuple[float, ...] = (0.0, -0.02, 0.0, 0.0, 0.0)
+    cylinder: tuple[float, ...] = (-np.pi, np.pi, -1.0, 1.0)
+    span: tuple[float, float] = (1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        tiny = np.nextafter(0.0, 1.0)
+        require_choice(self.kind, PANORAMAS, "Panorama: kind")
+        for name in ("field_of_view", "lens"):
+            set_number(self, name, tiny, np.inf, "Panorama")
+        for name, count in (("longitude", 2), ("latitude", 2), ("polynomial", 5), ("cylinder", 4), ("span", 2)):
+            values = as_array(getattr(self, name), np.float64, (count,), f"Panorama: {name}")
+            require_range(values, -LARGEST, LARGEST, f"Panorama: {name}")
+            set_field(self, name, tuple(values.tolist()))
+        require_range(np.array(self.span), tiny, np.inf, "Panorama: span")
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
     """Blender's camera: looks along its -z axis, y up.
 
     world_from_camera : (4, 4) float64, rigid (scale is removed where the camera is extracted)
-    projection : 'perspective' or 'orthographic'
+    projection : 'perspective', 'orthographic' or 'panorama'; panorama : how the last maps directions to the picture
     focal_length, sensor_width, sensor_height : millimetres; sensor_fit : 'auto', 'horizontal' or 'vertical'
     ortho_scale : metres, the larger (or fitted) side of an orthographic view
     shift_x, shift_y : Blender's lens shift, in units of the fitted side
-    clip_start, clip_end : metres along the view axis
+    clip_start, clip_end : metres along the view axis; along the ray of a panorama
     pixel_aspect : width over height of a pixel (Blender's pixel_aspect_x / pixel_aspect_y)
     aperture_radius : metres, of the lens that rays start from; 0 is a pinhole, all in focus
     focus_distance : metres along the view axis, where all rays of a point of the picture meet
@@ -45,6 +88,7 @@ class Camera:
     aperture_blades: int = 0
     aperture_rotation: float = 0.0
     aperture_ratio: float = 1.0
+    panorama: Panorama | None = None
 
     def __post_init__(self) -> None:
         tiny = np.nextafter(0.0, 1.0)
@@ -53,7 +97,12 @@ class Camera:
             raise ValueError(
                 f"Camera: world_from_camera: expected (0, 0, 0, 1) as the last row, got {matrix[3].tolist()}"
             )
-        require_choice(self.projection, ("perspective", "orthographic"), "Camera: projection")
+        require_choice(self.projection, PROJECTIONS, "Camera: projection")
+        if (self.projection == "panorama") != isinstance(self.panorama, Panorama):
+            raise ValueError(
+                "Camera: panorama: expected a Panorama where the projection is 'panorama', and None elsewhere, "
+                f"got {type(self.panorama).__name__} with '{self.projection}'"
+            )
         require_choice(self.sensor_fit, ("auto", "horizontal", "vertical"), "Camera: sensor_fit")
         lens = ("focal_length", "sensor_width", "sensor_height", "ortho_scale", "pixel_aspect")
         for name in (*lens, "focus_distance", "aperture_ratio"):

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.files.replacing import replace_file
-from raytracer.scene.camera import Camera
+from raytracer.scene.camera import Camera, Panorama
 from raytracer.scene.lights import AreaLight, LightNodes, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
 from raytracer.scene.programs import Image, Program, Register, Step, TiledImage
@@ -48,7 +48,7 @@ RECORDS = {
     record.__name__: record
     for record in (
         *(Mesh, Spheres, Instances, Closure, Material, PointLight, SpotLight, SunLight, AreaLight),
-        *(LightNodes, World, Camera, Scene, Program, Step, Register, Image, TiledImage),
+        *(LightNodes, World, Camera, Panorama, Scene, Program, Step, Register, Image, TiledImage),
     )
 }
 

@@ -256,9 +256,9 @@ class Site:
         return normalize(dot(np.swapaxes(matrices, 1, 2), normals[:, np.newaxis, :]))
 
     def to_camera(self, points: Floats) -> Floats:
-        """World to camera space with z forward, (n, 3)."""
-        view = self._view
-        return transform_points(view.camera_from_world, points) * (1.0, 1.0, -1.0)
+        """World to camera space with nodes' axes, (n, 3)."""
+        order, signs = self._view.axes
+        return transform_points(self._view.camera_from_world, points)[..., order] * signs
 
     def to_window(self, points: Floats) -> Floats:
         """Where points are seen in the full picture: x and y from 0 to 1, 0."""
@@ -288,8 +288,10 @@ class Site:
         if space == "WORLD":
             return None
         if space == "CAMERA":
-            flip = np.diag((1.0, 1.0, -1.0, 1.0))
-            pair = self._view.camera.world_from_camera @ flip, flip @ self._view.camera_from_world
+            order, signs = self._view.axes
+            turn = np.eye(4)
+            turn[:3, :3] = signs[:, np.newaxis] * np.eye(3)[order]
+            pair = self._view.camera.world_from_camera @ turn.T, turn @ self._view.camera_from_world
         else:
             geometry = self.tables.geometry
             pair = (
@@ -351,7 +353,7 @@ def measure_footprint(tables: SiteTables, surface: Surface, path: LightPath | No
         return 1e-3 * travelled
     if tables.view.camera.projection == "orthographic":
         return np.full(len(travelled), tables.view.pixel)
-    if path is None or "camera" not in path.values:
+    if path is None or "camera" not in path.values or tables.view.camera.panorama is not None:
         return tables.view.pixel * travelled
     x, y, z = np.moveaxis(transform(tables.view.camera_from_world[:3, :3], surface.outgoing), -1, 0)
     angle = np.abs(z) * (np.sqrt(np.maximum(1.0 - x * x, 0.0)) + np.sqrt(np.maximum(1.0 - y * y, 0.0))) / 2.0

@@ -22,6 +22,9 @@ TANGENT = "tangent "
 # A mesh's own coordinates, and the undeformed places of its vertices, which stand in for them where it has none.
 OWN_UV, UNDEFORMED = "uv", "undeformed"
 
+# Within which a panorama's picture is taken for even, radians.
+SMALL_ANGLE = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
@@ -33,8 +36,27 @@ class CameraView:
     camera_from_world: Floats
 
     @property
+    def axes(self) -> tuple[list[int], Floats]:
+        """What nodes call x, y and z of camera space: axes of Blender's, and their signs.
+
+        z is forward; Cycles' panoramas look along x with z up, and its mirror ball along y.
+        """
+        if self.camera.panorama is None:
+            return [0, 1, 2], np.array([1.0, 1.0, -1.0])
+        if self.camera.panorama.kind == "mirror_ball":
+            return [0, 2, 1], np.ones(3)
+        return [2, 0, 1], np.array([-1.0, -1.0, 1.0])
+
+    @property
     def pixel(self) -> float:
-        """The width of a pixel on the film plane: metres at 1 m distance, or at any distance if orthographic."""
+        """The width of a pixel on the film plane: metres at 1 m distance, or at any distance if orthographic.
+
+        Of a panorama, about: in the middle of its picture.
+        """
+        if self.camera.panorama is not None:
+            near = np.array([[0.0, 0.0, -1.0], [SMALL_ANGLE, 0.0, -1.0]])
+            x = find_on_film(self.camera, self.width, self.height, near)[0]
+            return float(SMALL_ANGLE / abs(x[1] - x[0]))
         x = find_on_film(self.camera, self.width, self.height, np.array([[0.0, 0.0, -1.0], [1.0, 0.0, -1.0]]))[0]
         return float(1.0 / (x[1] - x[0]))
 

@@ -1,11 +1,14 @@
 """Primary rays against Blender's own camera: the view frame and the projection matrix, which are float32."""
 
 import itertools
+from typing import Any
 
 import bpy
 import numpy as np
 import pytest
 
+from addon.extract.camera import extract_camera
+from addon.extract.warnings import WarningList
 from raytracer.film.camera import primary_rays
 from raytracer.scene.camera import Camera
 
@@ -98,3 +101,19 @@ def test_corners_lie_on_blenders_view_frame(blender_camera, kind, fit):
         points = corner_points(camera, width, height, -frame[0, 2])
         assert np.allclose(points, frame, rtol=0, atol=FLOAT32_CHAIN * np.abs(frame).max())
     render.resolution_x, render.resolution_y = before
+
+
+def test_panorama_is_read_with_its_lens(scene_with_camera: Any) -> None:
+    lens = scene_with_camera.camera.data
+    lens.type, lens.panorama_type, lens.shift_x = "PANO", "FISHEYE_EQUISOLID", 0.25
+    lens.fisheye_fov, lens.fisheye_lens, lens.longitude_min = 2.0, 12.0, -1.5
+    warnings = WarningList()
+    camera = extract_camera(scene_with_camera, warnings)
+    assert not warnings._records
+    assert (camera.projection, camera.shift_x) == ("panorama", 0.25)
+    panorama = camera.panorama
+    assert panorama is not None
+    assert (panorama.kind, panorama.field_of_view, panorama.lens) == ("fisheye_equisolid", 2.0, 12.0)
+    assert panorama.longitude == (-1.5, np.float32(np.pi))
+    lens.type = "PERSP"
+    assert extract_camera(scene_with_camera, warnings).panorama is None

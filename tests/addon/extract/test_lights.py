@@ -317,14 +317,6 @@ def test_light_with_linked_shadows_is_named(add_light: Callable[..., Any], scene
     assert ["shadow linking is not supported" in warning.text for warning in extract().warnings] == [True]
 
 
-def test_panorama_is_named(scene_with_camera: Any) -> None:
-    scene_with_camera.camera.data.type = "PANO"
-    extraction = extract()
-    assert extraction.scene.camera.projection == "perspective"
-    (warning,) = extraction.warnings
-    assert "PANO" in warning.text
-
-
 def test_camera_without_depth_of_field_is_a_pinhole(scene_with_camera: Any) -> None:
     scene_with_camera.camera.data.dof.aperture_fstop = 0.5
     assert extract().scene.camera.aperture_radius == 0.0
