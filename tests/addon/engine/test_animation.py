@@ -138,6 +138,7 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
         resolution_y=32,
         layers_done=0,
         update_stats=lambda *_: None,
+        update_progress=lambda _: None,
         test_break=lambda: False,
         report=lambda *arguments: reports.append(arguments),
     )
