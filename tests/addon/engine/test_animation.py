@@ -128,7 +128,7 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
 
     def render(scene: Any, width: int, height: int, **settings: Any) -> Any:
         asked.update(settings)
-        return SimpleNamespace(passes={}, statistics=None)
+        return SimpleNamespace(passes={}, statistics=SimpleNamespace())
 
     reports: list[Any] = []
     preview = SimpleNamespace(
