@@ -21,6 +21,7 @@ from raytracer.casting.choose import Offer, choose_accelerators
 from raytracer.casting.crossings import CrossingQuery
 from raytracer.casting.dense.offer import DenseOffer
 from raytracer.casting.geometry import Geometry, pack_geometry
+from raytracer.casting.layers import AllHits, find_all_hits, iterate_layers
 from raytracer.casting.matrix_form import MatrixForm
 from raytracer.casting.order import Departure, Order
 from raytracer.casting.pencil.offer import DrawnOffer
@@ -158,6 +159,42 @@ class Caster:
         for index, query in self._run_queries(rays, rays.valid(), True, order):
             found[index] = query.found_any()
         return found
+
+    def layers(
+        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
+    ) -> Iterator[Hits]:
+        """Yield the hits of n rays with the next surface each, until all miss (`iterate_layers`).
+
+        Examples
+        --------
+        >>> import raytracer
+        >>> spheres = raytracer.Spheres(centres=[(0, 0, 0), (0, 0, 5)], radii=[1, 1])
+        >>> caster = raytracer.build(raytracer.Scene(spheres=[spheres]))
+        >>> [hits.distance[0] for hits in caster.layers((0, 0, -3), (0, 0, 1))]
+        [2.0, 4.0, 7.0, 9.0]
+        """
+        return iterate_layers(self, origins, directions, t_min, t_max)
+
+    def all_hits(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        most: int | None = None,
+    ) -> AllHits:
+        """Return all surfaces that rays meet, at most `most` for each ray (`find_all_hits`).
+
+        Examples
+        --------
+        >>> import raytracer
+        >>> spheres = raytracer.Spheres(centres=[(0, 0, 0), (0, 0, 5)], radii=[1, 1])
+        >>> caster = raytracer.build(raytracer.Scene(spheres=[spheres]))
+        >>> found = caster.all_hits([(0, 0, -3), (0, 9, 0), (0, 0, 3)], (0, 0, 1))
+        >>> found.count.tolist(), found.ray.tolist(), found.hits.distance.tolist()
+        ([4, 0, 2], [0, 0, 0, 0, 2, 2], [2.0, 4.0, 7.0, 9.0, 1.0, 3.0])
+        """
+        return find_all_hits(self, origins, directions, t_min, t_max, most)
 
     def _run_queries(
         self, rays: Rays, valid: Booleans, any_hit: bool, order: Order | None

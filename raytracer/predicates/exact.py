@@ -279,6 +279,17 @@ def _first_sign(vector: Vector) -> int:
     return _sign(vector[0]) or _sign(vector[1]) or _sign(vector[2])
 
 
+def meets_at_one_place(origin: Sequence[float], direction: Sequence[float], corners: NDArray[np.float64]) -> bool:
+    """Does the line meet two triangles (2, 3, 3), both of which it hits, in one point? Exact."""
+    points, _ = to_integers([*origin, *corners.ravel().tolist()])
+    heading = _vector(to_integers(direction)[0], 0)
+    one, other = (
+        intersect_triangle(_vector(points, 0), heading, [_vector(points, first + step) for step in (0, 3, 6)])
+        for first in (3, 12)
+    )
+    return one is not None and other is not None and compare(one.t, other.t) == 0
+
+
 def crosses(origin: Sequence[float], direction: Sequence[float], corners: NDArray[np.float64]) -> bool:
     """Does the ray from `origin`, moved by (e, e^2, e^3), cross the triangle (3, 3)? Exact.
 

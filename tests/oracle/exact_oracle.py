@@ -126,7 +126,7 @@ class ExactHits:
 def closest_hit(origins, directions, corners=None, centres=None, radii=None, t_min=0.0, t_max=np.inf):
     """Return the ExactHits of rays (n, 3) with triangles (t, 3, 3) and spheres (s, 3), (s,)."""
     best = {}
-    for ray, index, t in _all_hits(origins, directions, corners, centres, radii, t_min, t_max):
+    for ray, index, t in all_hits(origins, directions, corners, centres, radii, t_min, t_max):
         if ray not in best or t < best[ray][0]:
             best[ray] = (t, [index])
         elif t == best[ray][0]:
@@ -140,12 +140,12 @@ def closest_hit(origins, directions, corners=None, centres=None, radii=None, t_m
 def any_hit(origins, directions, corners=None, centres=None, radii=None, t_min=0.0, t_max=np.inf):
     """Return (n,) bool, True where the ray hits anything within its range."""
     hit = np.zeros(len(origins), dtype=bool)
-    for ray, _, _ in _all_hits(origins, directions, corners, centres, radii, t_min, t_max):
+    for ray, _, _ in all_hits(origins, directions, corners, centres, radii, t_min, t_max):
         hit[ray] = True
     return hit
 
 
-def _all_hits(origins, directions, corners, centres, radii, t_min, t_max):
+def all_hits(origins, directions, corners, centres, radii, t_min, t_max):
     """Yield (ray, index, exact t) of every triangle and sphere within the ray's range."""
     origins, directions = (np.asarray(value, dtype=np.float64).reshape(-1, 3) for value in (origins, directions))
     corners = np.zeros((0, 3, 3)) if corners is None else np.asarray(corners, dtype=np.float64)
