@@ -21,6 +21,7 @@ from raytracer.casting.choose import Offer, choose_accelerators
 from raytracer.casting.crossings import CrossingQuery
 from raytracer.casting.dense.offer import DenseOffer
 from raytracer.casting.geometry import Geometry, pack_geometry
+from raytracer.casting.inside import find_inside
 from raytracer.casting.layers import AllHits, find_all_hits, iterate_layers
 from raytracer.casting.matrix_form import MatrixForm
 from raytracer.casting.order import Departure, Order
@@ -299,6 +300,19 @@ class Caster:
             self.offer(query)
             count[index] = query.counts()
         return count
+
+    def inside(self, points: ArrayLike) -> Booleans:
+        """Return (n,) bool: which points lie inside a closed mesh or a sphere; exact (`find_inside`).
+
+        Examples
+        --------
+        >>> import raytracer
+        >>> corners, faces = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+        >>> caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(corners, faces)]))
+        >>> caster.inside([(0.25, 0.25, 0.25), (2, 2, 2)]).tolist()
+        [True, False]
+        """
+        return find_inside(self, points)
 
 
 def build(scene: Scene, precision: str = "certified", last: Caster | None = None) -> Caster:

@@ -40,17 +40,25 @@ class CrossingQuery(Query):
         with np.errstate(invalid="ignore"):
             low, high = t - error, t + error  # NaN where nothing is known, which is neither ahead nor behind
         crossed, behind = inside & (low > 0), high < 0
-        np.add.at(self.count, ray[crossed], 1)
+        self.add_crossings(ray[crossed], primitive_id[crossed])
         doubt = np.flatnonzero(possible & ~crossed & ~behind)
         self.pool.append(Candidates(ray, primitive_id, t, low, crossed).select(doubt))
         return ray[:0]
 
-    def counts(self) -> NDArray[np.int32]:
-        """(n,) the number of crossings; call once, when all candidates were offered."""
+    def add_crossings(self, ray: Indices, primitive_id: Ids) -> None:
+        """Count triangles that are crossed beyond doubt."""
+        np.add.at(self.count, ray, 1)
+
+    def settle_doubts(self) -> None:
+        """Let integers decide what was left in doubt; call once, when all candidates were offered."""
         for doubtful in self.pool:
             corners = gather_corners(self.primitives, doubtful.primitive_id).T.reshape(-1, 3, 3)
-            for ray, triangle in zip(doubtful.ray, corners, strict=True):
-                self.exact_count += 1
-                crossed = exact.crosses(self.rays.origins[ray].tolist(), self.rays.directions[ray].tolist(), triangle)
-                self.count[ray] += crossed
+            self.exact_count += len(corners)
+            origins, directions = self.rays.origins[doubtful.ray].tolist(), self.rays.directions[doubtful.ray].tolist()
+            crossed = np.array([exact.crosses(*line) for line in zip(origins, directions, corners, strict=True)], bool)
+            self.add_crossings(doubtful.ray[crossed], doubtful.primitive_id[crossed])
+
+    def counts(self) -> NDArray[np.int32]:
+        """(n,) the number of crossings; call once, when all candidates were offered."""
+        self.settle_doubts()
         return self.count
