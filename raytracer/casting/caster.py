@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,8 @@ from raytracer.casting.geometry import Geometry, pack_geometry
 from raytracer.casting.inside import find_inside
 from raytracer.casting.layers import AllHits, find_all_hits, iterate_layers
 from raytracer.casting.matrix_form import MatrixForm
+from raytracer.casting.nearest.forest import Forest, build_forest
+from raytracer.casting.nearest.search import ClosestPoints, find_closest
 from raytracer.casting.order import Departure, Order
 from raytracer.casting.pencil.offer import DrawnOffer
 from raytracer.casting.pencil.packet_grid import PacketGrid
@@ -313,6 +315,24 @@ class Caster:
         [True, False]
         """
         return find_inside(self, points)
+
+    @cached_property
+    def _forest(self) -> Forest | None:
+        return build_forest(self.scene, self.geometry)
+
+    def closest_point(self, points: ArrayLike, distance: ArrayLike = np.inf) -> ClosestPoints:
+        """Return the point of the scene that is closest to each of n points, at most `distance` away (`find_closest`).
+
+        Examples
+        --------
+        >>> import raytracer
+        >>> mesh = raytracer.Mesh(positions=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], triangles=[(0, 1, 2)])
+        >>> caster = raytracer.build(raytracer.Scene(meshes=[mesh]))
+        >>> closest = caster.closest_point([(0.25, 0.5, 2), (-3, -4, 0)])
+        >>> closest.distance.tolist(), closest.location.tolist()
+        ([2.0, 5.0], [[0.25, 0.5, 0.0], [0.0, 0.0, 0.0]])
+        """
+        return find_closest(self._forest, self.geometry, points, distance)
 
 
 def build(scene: Scene, precision: str = "certified", last: Caster | None = None) -> Caster:
