@@ -332,7 +332,7 @@ class Caster:
         >>> closest.distance.tolist(), closest.location.tolist()
         ([2.0, 5.0], [[0.25, 0.5, 0.0], [0.0, 0.0, 0.0]])
         """
-        return find_closest(self._forest, self.geometry, points, distance)
+        return find_closest(self._forest, self.primitives, points, distance)
 
 
 def build(scene: Scene, precision: str = "certified", last: Caster | None = None) -> Caster:

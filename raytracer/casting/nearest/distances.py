@@ -49,28 +49,32 @@ def dot_rows(one: Floats, other: Floats) -> Floats:
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def measure_triangles(points: Floats, corners: tuple[Floats, Floats, Floats]) -> Measured:
-    """Return the distances of points (k, 3) from triangles with corners (k, 3) each."""
-    a, b, c = (np.ascontiguousarray((corner - points).T) for corner in corners)  # (3, k), relative to the point
-    found = [_find_foot(a, b, c)]
-    for first, second, places in ((a, b, (0, 1)), (b, c, (1, 2)), (c, a, (2, 0))):
-        along = second - first
-        step = np.nan_to_num(np.clip(-dot_rows(first, along) / dot_rows(along, along), 0.0, 1.0))
-        weights = np.zeros((3, len(points)))
-        weights[places[0]], weights[places[1]] = 1.0 - step, step
-        found.append(weights)
-    offsets = [weights[0] * a + weights[1] * b + weights[2] * c for weights in found]
-    squared = np.stack([dot_rows(offset, offset) for offset in offsets])
-    squared[0][np.isnan(squared[0])] = np.inf
-    best = squared.argmin(axis=0)
-    offset, weights = np.choose(best, offsets), np.choose(best, found)
-    distance = np.sqrt(dot_rows(offset, offset))
-    size = np.sqrt(np.maximum(np.maximum(dot_rows(a, a), dot_rows(b, b)), dot_rows(c, c)))
-    low = _bound_below((a, b, c), offset)
-    error = ROUNDING * size + UNDERFLOW
-    return Measured(
-        distance, np.maximum(low - error, 0.0), distance + error, offset.T, np.ascontiguousarray(weights[1:].T)
-    )
+def measure_triangles(points: Floats, corners: Floats) -> Measured:
+    """Return the distances of points (k, 3) from triangles, planes (3 corners, 3, k)."""
+    a, b, c = relative = corners - points.T  # (3, k) each
+    weights = _find_foot(a, b, c)
+    offset, squared = _weigh(weights, relative)
+    np.nan_to_num(squared, copy=False, nan=np.inf)
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        along = relative[second] - relative[first]
+        step = -dot_rows(relative[first], along) / dot_rows(along, along)
+        on_edge = np.zeros_like(weights)
+        on_edge[second] = np.fmin(np.fmax(step, 0.0), 1.0)  # an edge without length: 0
+        on_edge[first] = 1.0 - on_edge[second]
+        other, length = _weigh(on_edge, relative)
+        closer = length < squared
+        for best, better in ((offset, other), (weights, on_edge), (squared, length)):
+            np.copyto(best, better, where=closer)
+    distance = np.sqrt(squared)
+    error = ROUNDING * np.sqrt(np.maximum(np.maximum(dot_rows(a, a), dot_rows(b, b)), dot_rows(c, c))) + UNDERFLOW
+    low = np.maximum(_bound_below(a, b, c, offset) - error, 0.0)
+    return Measured(distance, low, distance + error, offset.T, np.ascontiguousarray(weights[1:].T))
+
+
+def _weigh(weights: Floats, corners: Floats) -> tuple[Floats, Floats]:
+    """Return the mean (3, k) of corners with weights (3, k), and its squared length (k,)."""
+    mean = weights[0] * corners[0] + weights[1] * corners[1] + weights[2] * corners[2]
+    return mean, dot_rows(mean, mean)
 
 
 def _cross_rows(one: Floats, other: Floats) -> Floats:
@@ -92,9 +96,8 @@ def _find_foot(a: Floats, b: Floats, c: Floats) -> Floats:
     return weights
 
 
-def _bound_below(corners: tuple[Floats, Floats, Floats], offset: Floats) -> Floats:
+def _bound_below(a: Floats, b: Floats, c: Floats, offset: Floats) -> Floats:
     """Return (k,) the largest of the lower bounds that planes give, not less than 0."""
-    a, b, c = corners
     low = np.zeros(offset.shape[1])
     normal = _cross_rows(b - a, c - a)
     for direction in (offset, normal, -normal):

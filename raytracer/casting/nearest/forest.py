@@ -3,7 +3,8 @@
 A tree is complete: every node has FAN children down to the leaves, so that it needs no more than the number of the first
 one. An instance is searched in the space of its mesh: with M = U S V^T (singular values s), |M x| >= s_min |x|, so
 
-    distance in the world >= s_min (distance from the box in object space) - slack.
+    distance in the world >= s_min (distance from the box in object space) - slack
+                          <= s_max (distance from its farthest corner) + slack.
 
 The slack covers what rounds: the inverse and its product with the point (`bvh.instances`: residual and gamma(16) of the
 condition number, times the numbers that enter), world corners (gamma(4)), and the measurement itself (`distances`),
@@ -31,7 +32,8 @@ from raytracer.scene.shapes import Mesh
 
 FAN_BITS = 2
 FAN = 1 << FAN_BITS
-LEAF_SIZE = 8
+# Two triangles cost about as much as two boxes.
+LEAF_SIZE = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,7 @@ class Forest:
     tree : all trees, one behind the other
     root : (owners,) the root of each; -1 for one without primitives
     inverse : (owners, 3, 3), translation : (owners, 3), object from world: inverse (p - translation)
-    shrink : (owners,) the least length in the world of a unit in object space
+    shrink, stretch : (owners,) the least and the largest length in the world of a unit in object space
     slack, reach : (owners,) lower bounds on distances from p are off by slack (|p| + reach)
     """
 
@@ -68,6 +70,7 @@ class Forest:
     inverse: Floats
     translation: Floats
     shrink: Floats
+    stretch: Floats
     slack: Floats
     reach: Floats
 
@@ -152,16 +155,17 @@ def _place_trees(geometry: Geometry, tree: BoxTree, root: NDArray[np.int64], box
     """Return the Forest: where no space of its own is searched, the identity."""
     owners = len(root)
     inverse, translation = np.tile(np.eye(3), (owners, 1, 1)), np.zeros((owners, 3))
-    shrink, slack, reach = np.ones(owners), np.full(owners, gamma(16) + 2 * ROUNDING), np.zeros(owners)
+    shrink, stretch = np.ones((2, owners))
+    slack, reach = np.full(owners, gamma(16) + 2 * ROUNDING), np.zeros(owners)
     inverses, residual = invert(geometry.world_from_object)
     rows = np.flatnonzero(residual < WORST_RESIDUAL)
-    stretch = np.linalg.svd(geometry.world_from_object[rows, :3, :3], compute_uv=False)  # (k, 3) descending
+    singular = np.linalg.svd(geometry.world_from_object[rows, :3, :3], compute_uv=False)  # (k, 3) descending
     inverse[rows], translation[rows] = inverses[rows], geometry.world_from_object[rows, :3, 3]
-    shrink[rows] = stretch[:, 2] * (1 - WORST_RESIDUAL)
-    slack[rows] += (2 * residual[rows] + gamma(64)) * stretch[:, 0] / stretch[:, 2]
+    shrink[rows], stretch[rows] = singular[:, 2] * (1 - WORST_RESIDUAL), singular[:, 0] * (1 + WORST_RESIDUAL)
+    slack[rows] += (2 * residual[rows] + gamma(64)) * singular[:, 0] / singular[:, 2]
     reach[:-1] = np.sqrt(3) * np.abs(boxes).max(axis=(1, 2)) + length(translation[:-1])
     reach[-1] = reach.max()
-    return Forest(tree, root, inverse, translation, shrink, slack, reach)
+    return Forest(tree, root, inverse, translation, shrink, stretch, slack, reach)
 
 
 def _move_box(matrix: Floats, box: Floats) -> Floats:

@@ -1,8 +1,9 @@
-"""The closest primitive of each point: boxes that are farther than the best so far are left out.
+"""The closest primitive of each point: boxes that lie farther away than another lies in whole are left out.
 
-First every point goes down to the leaf whose boxes are closest, which gives a bound near the truth; then all that may be
-closer is opened, in blocks of pairs (point, node), so that memory stays bounded however many boxes are equally far, as
-at the center of a sphere.
+All points go down together, level by level: at a distance D boxes of size s that may hold the closest primitive lie
+within about s of the foot, because the farthest corner of the box at the foot is D + s^2 / 2 D away, no more. Pairs
+(point, node) are opened in blocks, so that memory stays bounded however many boxes are equally far, as at the center of
+a sphere.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.arrays.checks import as_array
+from raytracer.arrays.rows import take_rows
 from raytracer.arrays.types import Booleans, Floats, Indices, Integers, Numbers, Pairs, Vectors
-from raytracer.casting.geometry import Geometry, world_corners
 from raytracer.casting.inside import as_points
 from raytracer.casting.nearest.distances import Measured, measure_spheres, measure_triangles
 from raytracer.casting.nearest.forest import Forest
+from raytracer.casting.primitives import Primitives, gather_corners
+from raytracer.lecture import length
 
 # Pairs opened at a time, and points per batch: some tens of megabytes.
 BLOCK_PAIRS = 1 << 17
@@ -63,7 +66,7 @@ class Nodes(NamedTuple):
     low: Floats
 
     def select(self, rows: Indices | Booleans | slice) -> Nodes:
-        return Nodes(*(part[rows] for part in self))
+        return Nodes(*(take_rows(part, rows) for part in self))
 
 
 class NearestSearch:
@@ -72,19 +75,16 @@ class NearestSearch:
     limit : (n,) what is farther does not count: the least certain distance found so far
     """
 
-    def __init__(self, forest: Forest, geometry: Geometry, points: Floats, limit: Floats) -> None:
-        self.forest, self.geometry, self.points, self.limit = forest, geometry, points, limit
+    def __init__(self, forest: Forest, primitives: Primitives, points: Floats, limit: Floats) -> None:
+        self.forest, self.primitives, self.points, self.limit = forest, primitives, points, limit
+        self.geometry = primitives.geometry
         self.size = np.abs(points).max(axis=1) * np.sqrt(3)
         self.measured: list[tuple[Indices, NDArray[np.int64], NDArray[np.int64], Measured]] = []
 
     def run(self) -> ClosestPoints:
         """Search and choose."""
         top = len(self.forest.root) - 1
-        everything = self._enter(np.arange(len(self.points)), np.full(len(self.points), top))
-        nodes = everything
-        while len(nodes.point):
-            nodes = self._keep_closest(self._open(nodes))
-        stack = [everything]
+        stack = [self._enter(np.arange(len(self.points)), np.full(len(self.points), top))]
         while stack:
             nodes = stack.pop()
             nodes = nodes.select(np.flatnonzero(nodes.low <= self.limit[nodes.point]))
@@ -103,9 +103,11 @@ class NearestSearch:
 
     def _bound(self, point: Indices, owner: NDArray[np.int64], node: NDArray[np.int64], local: Floats) -> Nodes:
         box = self.forest.tree.boxes[node]
-        away = np.maximum(np.maximum(box[:, 0] - local, local - box[:, 1]), 0.0)
-        distance = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2) * self.forest.shrink[owner]
-        low = distance - self.forest.slack[owner] * (self.size[point] + self.forest.reach[owner])
+        below, above = box[:, 0] - local, local - box[:, 1]
+        slack = self.forest.slack[owner] * (self.size[point] + self.forest.reach[owner])
+        far = length(np.minimum(below, above)) * self.forest.stretch[owner] + slack
+        np.minimum.at(self.limit, point, far)  # all of the box's primitives lie that close
+        low = length(np.maximum(np.maximum(below, above), 0.0)) * self.forest.shrink[owner] - slack
         return Nodes(point, owner, node, local, low)
 
     def _open(self, nodes: Nodes) -> Nodes:
@@ -114,7 +116,7 @@ class NearestSearch:
         leaf = tree.leaf[nodes.node]
         inner, leaves = nodes.select(np.flatnonzero(~leaf)), nodes.select(np.flatnonzero(leaf))
         row, child = _spread(tree.first[inner.node], tree.count[inner.node])
-        below = self._bound(inner.point[row], inner.owner[row], child, inner.local[row])
+        below = self._bound(inner.point[row], inner.owner[row], child, inner.local.take(row, axis=0))
         row, entry = _spread(tree.first[leaves.node], tree.count[leaves.node])
         point, owner, item = leaves.point[row], leaves.owner[row], tree.items[entry]
         is_top = owner == len(self.forest.root) - 1
@@ -122,12 +124,6 @@ class NearestSearch:
         entered = self._enter(point[is_top], item[is_top])
         joined = Nodes(*(np.concatenate(parts) for parts in zip(below, entered, strict=True)))
         return joined.select(np.flatnonzero(joined.low <= self.limit[joined.point]))
-
-    def _keep_closest(self, nodes: Nodes) -> Nodes:
-        """Return the closest node of each point."""
-        order = np.lexsort((nodes.low, nodes.point))
-        point = nodes.point[order]
-        return nodes.select(order[np.flatnonzero(np.append(True, point[1:] != point[:-1])[: len(point)])])
 
     def _measure(self, point: Indices, owner: NDArray[np.int64], item: NDArray[np.int64]) -> None:
         sphere = owner >= len(self.geometry.instance_mesh)
@@ -139,7 +135,9 @@ class NearestSearch:
                 ball = self.geometry.first_id[who] + what - self.geometry.sphere_id
                 found = measure_spheres(self.points[places], self.geometry.centres[ball], self.geometry.radii[ball])
             else:
-                found = measure_triangles(self.points[places], world_corners(self.geometry, who, what))
+                ids = self.geometry.first_id[who] + what
+                corners = gather_corners(self.primitives, ids).reshape(3, 3, -1)
+                found = measure_triangles(self.points[places], corners)
             np.minimum.at(self.limit, places, found.high)
             close = np.flatnonzero(found.low <= self.limit[places])
             kept = Measured(*(part[close] for part in found))
@@ -180,7 +178,7 @@ def make_none(count: int) -> ClosestPoints:
     )
 
 
-def find_closest(forest: Forest | None, geometry: Geometry, points: ArrayLike, distance: ArrayLike) -> ClosestPoints:
+def find_closest(forest: Forest | None, primitives: Primitives, points: ArrayLike, distance: ArrayLike) -> ClosestPoints:
     """Return the closest point of a scene to each of n points.
 
     Parameters
@@ -188,6 +186,7 @@ def find_closest(forest: Forest | None, geometry: Geometry, points: ArrayLike, d
     forest : of the scene; None where it holds nothing
     points : (n, 3) or (3,) float64, metres, world
     distance : number or (n,), metres; what is farther does not count
+    primitives : with corners of float64, or those of float32 are measured
 
     Returns
     -------
@@ -210,7 +209,7 @@ def find_closest(forest: Forest | None, geometry: Geometry, points: ArrayLike, d
         return result
     for start in range(0, len(rows), BATCH_POINTS):
         some = rows[start : start + BATCH_POINTS]
-        part = NearestSearch(forest, geometry, places[some], most[some].copy()).run()
+        part = NearestSearch(forest, primitives, places[some], most[some].copy()).run()
         far = part.distance > most[some]
         for name in ClosestPoints.__slots__:
             getattr(result, name)[some] = np.where(

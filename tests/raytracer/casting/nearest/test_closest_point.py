@@ -72,7 +72,7 @@ def test_bounds_hold_the_exact_distance_of_hard_triangles(away):
     weights = rng.dirichlet((0.5, 0.5, 0.5), len(triangles))
     weights[::5] = np.eye(3)[rng.integers(3, size=len(weights[::5]))]
     points = (weights[:, :, np.newaxis] * triangles).sum(axis=1) + away * rng.normal(size=(len(triangles), 3))
-    found = measure_triangles(points, tuple(np.moveaxis(triangles, 1, 0)))
+    found = measure_triangles(points, triangles.transpose(1, 2, 0))
     for point, triangle, low, high in zip(points, triangles, found.low, found.high, strict=True):
         assert_holds(low, high, squared_distance(point, triangle))
     if away == 1.0:  # of well-shaped triangles the bound is that of a few roundings
@@ -85,7 +85,7 @@ def find_brute(caster, points):
     for point in points:
         rows = [(i, p) for i, mesh in enumerate(geometry.instance_mesh) for p in range(geometry.mesh_count[mesh])]
         instance, primitive = np.array(rows).T
-        corners = world_corners(geometry, instance, primitive)
+        corners = np.stack(world_corners(geometry, instance, primitive)).transpose(0, 2, 1)
         found = measure_triangles(np.tile(point, (len(rows), 1)), corners)
         first = int(found.distance.argmin())
         best.append((found.distance[first], *rows[first]))
