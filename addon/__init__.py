@@ -1,24 +1,37 @@
 """The Blender side of the Reference Ray Tracer: a render engine, its panels and a command line.
 
 The package itself imports nothing, so that `python -m addon --help` answers without Blender; `register` brings the
-modules in, and so does the first use of `ray_cast`. Inside the package imports are relative: Blender installs it under
+modules in, and so does the first use of `ray_cast`, `scan` and the like. Inside the package imports are relative: Blender installs it under
 a name of its own.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .scripting.ray_cast import ray_cast
+    from .scripting.queries import closest_point, inside, visible
+    from .scripting.ray_cast import ray_cast, ray_cast_layers
+    from .scripting.scan import scan, scan_frames
 
-__all__ = ["ray_cast", "register", "unregister"]
+__all__ = [
+    *("closest_point", "inside", "ray_cast", "ray_cast_layers", "register", "scan", "scan_frames", "unregister", "visible"),
+]
+# What scripts call, and the module of `scripting` that each is in.
+FUNCTIONS = {
+    "ray_cast": "ray_cast",
+    "ray_cast_layers": "ray_cast",
+    "closest_point": "queries",
+    "inside": "queries",
+    "visible": "queries",
+    "scan": "scan",
+    "scan_frames": "scan",
+}
 
 
 def __getattr__(name: str) -> Any:
-    """Bring in `ray_cast`, and with it NumPy and the ray tracer, when it is first asked for."""
-    if name == "ray_cast":
-        from .scripting.ray_cast import ray_cast
-
-        return ray_cast
+    """Bring in what scripts call, and with it NumPy and the ray tracer, when it is first asked for."""
+    if name in FUNCTIONS:
+        return getattr(import_module(f".scripting.{FUNCTIONS[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

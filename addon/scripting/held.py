@@ -17,18 +17,21 @@ from numpy.typing import NDArray
 import raytracer
 
 from .placements import Key, Placement, ShapeTable, list_placements
+from .selection import Selection
 from .shapes import Shape
 
-# A scene's `session_uid`, the name of its view layer, viewport or render mode.
-View = tuple[int, str, str]
+# A scene's `session_uid`, the name of its view layer, viewport or render mode, and what is cast into of it.
+View = tuple[int, str, str, Selection]
 # Casters that are kept: those used last. A script rarely turns between more views, and each may be large.
 MOST_HELD = 4
+EVERYTHING = Selection()
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
     """What rays are cast into, and what it was made from.
 
+    view : what it is kept for
     shapes : by key
     shape_of_placement : (i,) the shape of each placement; placements are the scene's instances
     world_from_object : (i, 4, 4) float64
@@ -36,36 +39,47 @@ class Held:
     polygons : (t + 1,) int32, the polygons of all triangles of all shapes, then -1
     first_polygon : (i + 1,) int64, entry of `polygons` at which each placement's begin; then t + 1, so that a miss,
         with instance and primitive -1, finds -1
+    first_vertex : (m,) int64, the first vertex of each of the scene's meshes among those of all
     """
 
+    view: View
     shapes: dict[Key, Shape]
     shape_of_placement: tuple[Shape, ...]
     world_from_object: NDArray[np.float64]
     mirrored: NDArray[np.bool_]
     polygons: NDArray[np.int32]
     first_polygon: NDArray[np.int64]
+    first_vertex: NDArray[np.int64]
     caster: raytracer.Caster
 
 
 _held: dict[View, Held] = {}
 
 
-def find_held(depsgraph: Any) -> tuple[Held, list[Any]]:
-    """Return what can be hit as it is now, and the original object of each placement."""
-    view = depsgraph.scene.session_uid, depsgraph.view_layer.name, depsgraph.mode
+def find_held(depsgraph: Any, selection: Selection = EVERYTHING) -> tuple[Held, list[Placement]]:
+    """Return what can be hit as it is now, and its placements.
+
+    Raises
+    ------
+    ValueError
+        If `depsgraph` is none.
+    """
+    if not isinstance(depsgraph, bpy.types.Depsgraph):
+        raise ValueError(f"depsgraph: expected a bpy.types.Depsgraph, got {type(depsgraph).__name__}")
+    view = depsgraph.scene.session_uid, depsgraph.view_layer.name, depsgraph.mode, selection
     last = _held.pop(view, None)
     table = ShapeTable(last.shapes if last else {})
-    placements = list_placements(depsgraph, table)
-    held = renew(last, table.shapes, placements)
+    placements = list_placements(depsgraph, table, selection)
+    held = renew(last, view, table.shapes, placements)
     _held[view] = held  # at the end: the order is that of use
     while len(_held) > MOST_HELD:
         del _held[next(iter(_held))]
     if forget not in bpy.app.handlers.load_post:
         bpy.app.handlers.load_post.append(forget)
-    return held, [placement.original for placement in placements]
+    return held, placements
 
 
-def renew(last: Held | None, shapes: dict[Key, Shape], placements: list[Placement]) -> Held:
+def renew(last: Held | None, view: View, shapes: dict[Key, Shape], placements: list[Placement]) -> Held:
     """Return `last` where nothing moved or changed, or what takes its place; trees of what did not move are kept."""
     shape_of_placement = tuple(placement.shape for placement in placements)
     matrices = np.array([placement.world_from_object for placement in placements]).reshape(-1, 4, 4)
@@ -81,12 +95,14 @@ def renew(last: Held | None, shapes: dict[Key, Shape], placements: list[Placemen
     polygons = np.concatenate([*(shape.polygons for shape in distinct), np.array([-1], dtype=np.int32)])
     first = np.cumsum([0, *(len(shape.polygons) for shape in distinct)])
     return Held(
+        view,
         shapes,
         shape_of_placement,
         matrices,
         mirrored=np.linalg.det(matrices[:, :3, :3]) < 0,
         polygons=polygons,
         first_polygon=np.append(first[mesh], len(polygons)),
+        first_vertex=np.cumsum([0, *(len(shape.mesh.positions) for shape in distinct)])[:-1],
         caster=raytracer.build(scene, last=last.caster if last else None),
     )
 

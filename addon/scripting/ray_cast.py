@@ -2,67 +2,47 @@
 
     cast = ray_cast(depsgraph, origins, directions)
 
-`placements` lists what Scene.ray_cast sees, `shapes` reads its meshes, `held` keeps the caster from call to call.
+`placements` lists what Scene.ray_cast sees, `selection` what is to be hit instead, `shapes` reads its meshes, `held`
+keeps the caster from call to call, `results` says what comes back, and `attributes` reads more of the hits.
 The function is exported as `addon.ray_cast`; the folder has another name, or importing it would take that place.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Any
 
-import bpy
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from raytracer.arrays.checks import as_array
-from raytracer.arrays.types import Floats, Integers
-from raytracer.casting.geometry import join_id, split_id
-from raytracer.casting.rays import Hits, Rays, make_rays
+from raytracer.arrays.types import Floats
+from raytracer.casting.rays import Hits, Rays, make_misses, make_rays
 from raytracer.lecture import length
-from raytracer.surfaces.surface_tables import measure_triangles
+from raytracer.predicates.rounding import gamma
 
+from .attributes import HitPlaces
 from .held import Held, find_held
+from .results import Objects, RayCastResult, find_surface, make_objects
+from .selection import Selection, list_missing, make_selection
 
-# With up to so many triangles for each hit, a table over all triangles costs less than measuring one for each hit.
-SHARED_TRIANGLES = 16
-
-
-@dataclass(frozen=True, eq=False)
-class RayCastResult:
-    """The results of n rays: those of Scene.ray_cast, in its order, as arrays.
-
-    result : (n,) bool, True where the ray hits
-    location : (n, 3) float64, metres, world; 0 for a miss
-    normal : (n, 3) float64, unit, world, of the flat triangle, on the side of the object's own normal, whichever is
-        hit; 0 for a miss. Scene.ray_cast's is not perpendicular under non-uniform scale before Blender 5.2
-    index : (n,) int32, the polygon of the evaluated mesh; -1 for a miss, where Scene.ray_cast says 0
-    object : (n,) int32, index into `objects`; -1 for a miss, where Scene.ray_cast says None
-    objects : the original objects that have something to hit; of an instance, the object that is instanced
-    placement : (n,) int32, row of `matrices`: tells instances apart that share an object; -1 for a miss
-    matrices : (k + 1, 4, 4) float64, world from object, of what rays can hit; the last is the identity, for misses
-    """
-
-    result: NDArray[np.bool_]
-    location: Floats
-    normal: Floats
-    index: Integers
-    object: Integers
-    objects: tuple[Any, ...]
-    placement: Integers
-    matrices: Floats
-
-    def __len__(self) -> int:
-        return len(self.result)
-
-    @property
-    def matrix(self) -> Floats:
-        """(n, 4, 4) float64, world from object of what each ray hit; the identity for a miss. Made when asked for."""
-        return self.matrices[self.placement]
+# t |d| in float64: the length (three products, two sums, a root; scaled, two more), and the product.
+LENGTH_ERROR = gamma(8)
 
 
-def ray_cast(depsgraph: Any, origins: ArrayLike, directions: ArrayLike, distance: ArrayLike = np.inf) -> RayCastResult:
+def ray_cast(
+    depsgraph: Any,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    distance: ArrayLike = np.inf,
+    *,
+    near: ArrayLike = 0.0,
+    hits: float | None = None,
+    objects: Any = None,
+    collection: Any = None,
+    visibility: str = "viewport",
+) -> RayCastResult:
     """Cast many rays into a scene, as `Scene.ray_cast(depsgraph, origin, direction, distance=...)` casts one.
 
     What is hit first is decided as exact arithmetic on the evaluated meshes would; the rays are not rounded to float32.
@@ -72,6 +52,14 @@ def ray_cast(depsgraph: Any, origins: ArrayLike, directions: ArrayLike, distance
     depsgraph : bpy.types.Depsgraph, evaluated, such as `bpy.context.evaluated_depsgraph_get()`
     origins, directions : (n, 3) or (3,), metres, world; directions of any length; one may stand for all rays
     distance : number or (n,), metres; only what is closer is hit
+    near : number or (n,), metres; only what is at least as far is hit
+    hits : None for the first hit of each ray, as (n,); k for the first k surfaces in exact order, as (n, k); inf for all,
+        as (n, the most that any ray meets). What an object has at one distance is one surface, also where faces share
+        an edge or a vertex
+    objects, collection : only these objects, and those of this collection, are hit; an object stands also for the
+        instances of it and for those that it makes
+    visibility : 'viewport', what viewports show, as Scene.ray_cast; 'render', what renders show; 'camera', of that what
+        cameras see. What viewports have disabled is in no viewport's depsgraph: `missing` lists it
 
     Returns
     -------
@@ -80,7 +68,7 @@ def ray_cast(depsgraph: Any, origins: ArrayLike, directions: ArrayLike, distance
     Raises
     ------
     ValueError
-        If `depsgraph` is none, or shapes do not fit.
+        If an argument is not what is said above; the sentence names it.
 
     Notes
     -----
@@ -98,61 +86,134 @@ def ray_cast(depsgraph: Any, origins: ArrayLike, directions: ArrayLike, distance
     ([True, False], [0.0, 0.0, 1.0])
     >>> cast.objects[cast.object[0]].name
     'Cube'
+
+    All that a ray meets, and how thick the cube is:
+
+    >>> echoes = ray_cast(depsgraph, (0.5, 0.25, 5), (0, 0, -1), hits=2)
+    >>> echoes.distance.tolist(), (echoes.distance[:, 1] - echoes.distance[:, 0]).tolist()
+    ([[4.0, 6.0]], [2.0])
+
+    Attributes and materials at the hits:
+
+    >>> cast.attribute("UVMap").shape, cast.materials[cast.material[0]].name
+    ((2, 2), 'Material')
     """
-    if not isinstance(depsgraph, bpy.types.Depsgraph):
-        raise ValueError(f"depsgraph: expected a bpy.types.Depsgraph, got {type(depsgraph).__name__}")
-    rays = limit_rays(make_rays(origins, directions), distance)
-    held, originals = find_held(depsgraph)
-    hits = held.caster.closest_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
-    location, normal, index = describe_hits(held, rays, hits)
-    objects = tuple(dict.fromkeys(originals))
-    number = {shown: row for row, shown in enumerate(objects)}
-    object_of_placement = np.array([*(number[shown] for shown in originals), -1], dtype=np.int32)
-    matrices = np.concatenate([held.world_from_object, np.eye(4)[np.newaxis]])
-    placed = object_of_placement[hits.instance]
-    return RayCastResult(hits.hit, location, normal, index, placed, objects, hits.instance, matrices)
+    selection = make_selection(objects, collection, visibility)
+    return cast_selected(depsgraph, selection, limit_rays(make_rays(origins, directions), near, distance), hits)
 
 
-def limit_rays(rays: Rays, distance: ArrayLike) -> Rays:
-    """Return the rays with t < distance / |d| as their range; the end itself is out, as in Blender."""
-    metres = as_array(distance, np.float64, ("n",) if np.ndim(distance) else (), "distance")
-    if metres.shape not in ((), (len(rays),)):
-        raise ValueError(f"distance: expected a number or an array ({len(rays)},), got shape {metres.shape}")
-    if metres.shape == () and metres == np.inf:
+def cast_selected(depsgraph: Any, selection: Selection, rays: Rays, hits: float | None) -> RayCastResult:
+    """Return what `ray_cast` does, of rays with their ranges."""
+    most = check_hits(hits)
+    held, placements = find_held(depsgraph, selection)
+    shown = make_objects(held, placements, list_missing(selection, depsgraph))
+    if most is None:
+        found = held.caster.closest_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
+        return make_result(held, shown, rays, found, (len(rays),))
+    everything = held.caster.all_hits(
+        rays.origins, rays.directions, rays.t_min, rays.t_max, None if most == np.inf else int(most)
+    )
+    width = int(everything.count.max(initial=0) if most == np.inf else most)
+    found = make_misses(np.repeat(rays.valid(), width))
+    found.put(everything.ray * width + everything.layer, everything.hits)
+    rays = rays.select(np.repeat(np.arange(len(rays)), width))
+    return make_result(held, shown, rays, found, (len(rays) // width if width else len(everything.count), width))
+
+
+def ray_cast_layers(
+    depsgraph: Any,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    distance: ArrayLike = np.inf,
+    *,
+    near: ArrayLike = 0.0,
+    objects: Any = None,
+    collection: Any = None,
+    visibility: str = "viewport",
+) -> Iterator[RayCastResult]:
+    """Yield the next surface of each of n rays, until all miss: RayCastResults; arguments as `ray_cast`.
+
+    For rays that meet many surfaces, a few of them deep: no array is larger than n.
+
+    Examples
+    --------
+    >>> import bpy
+    >>> from addon import ray_cast_layers
+    >>> depsgraph = bpy.context.evaluated_depsgraph_get()
+    >>> [cast.distance.tolist() for cast in ray_cast_layers(depsgraph, [(0, 0, 5), (0, 0, 0)], (0, 0, -1))]
+    [[4.0, 1.0], [6.0, inf]]
+    """
+    selection = make_selection(objects, collection, visibility)
+    rays = limit_rays(make_rays(origins, directions), near, distance)
+    held, placements = find_held(depsgraph, selection)
+    shown = make_objects(held, placements, list_missing(selection, depsgraph))
+    for found in held.caster.layers(rays.origins, rays.directions, rays.t_min, rays.t_max):
+        yield make_result(held, shown, rays, found, (len(rays),))
+
+
+def check_hits(hits: Any) -> float | None:
+    """Return the number of hits asked for, None where it is one by itself."""
+    if hits is None or (not isinstance(hits, bool) and np.ndim(hits) == 0 and (hits == np.inf or is_count(hits))):
+        return hits
+    raise ValueError(f"hits: expected a whole number of at least 1, inf or None, got {hits!r}")
+
+
+def is_count(number: Any) -> bool:
+    """Return True for a whole number of at least 1."""
+    return isinstance(number, int | np.integer) and number >= 1
+
+
+def limit_rays(rays: Rays, near: ArrayLike, distance: ArrayLike) -> Rays:
+    """Return the rays with near / |d| <= t < distance / |d| as their range; the far end itself is out, as in Blender."""
+    first, last = (check_metres(value, len(rays), name) for value, name in ((near, "near"), (distance, "distance")))
+    if last.shape == () and last == np.inf and first.shape == () and first <= 0:
         return rays
-    largest = np.abs(rays.directions).max(axis=1)  # (n,)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # Scaled before it is squared: a length below 1e-160 would be 0.
-        end = metres / largest / length(rays.directions / largest[:, np.newaxis])
-    t_max = np.where(metres == np.inf, np.inf, np.nextafter(end, -np.inf))
-    return dataclasses.replace(rays, t_max=t_max)
+        scale, size = measure_directions(rays)
+        t_min, end = first / scale / size, last / scale / size
+    t_max = np.where(last == np.inf, np.inf, np.nextafter(end, -np.inf))
+    return dataclasses.replace(rays, t_min=np.where(first <= 0, 0.0, t_min), t_max=t_max)
 
 
-def describe_hits(held: Held, rays: Rays, hits: Hits) -> tuple[Floats, Floats, Integers]:
-    """Return location o + t d (n, 3), normal (n, 3) and polygon (n,) of hits; 0, 0 and -1 for a miss."""
-    location: Floats = rays.origins + np.where(hits.hit, hits.distance, 0.0)[:, np.newaxis] * rays.directions
-    location[~hits.hit] = 0.0
-    index = held.polygons[held.first_polygon[hits.instance] + hits.primitive]  # a miss finds the last entries, -1
-    normal = np.zeros((len(hits), 3))
-    rows = np.flatnonzero(hits.hit)
-    normal[rows] = find_normals(held, hits.instance[rows], hits.primitive[rows])
-    return location, normal, index
+def check_metres(value: ArrayLike, count: int, name: str) -> Floats:
+    """Return a number, or one per ray."""
+    metres = as_array(value, np.float64, ("n",) if np.ndim(value) else (), name)
+    if metres.shape not in ((), (count,)):
+        raise ValueError(f"{name}: expected a number or an array ({count},), got shape {metres.shape}")
+    return metres
 
 
-def find_normals(held: Held, instance: Integers, primitive: Integers) -> Floats:
-    """Return the unit normals (n, 3) of triangles, on the side of the object's normal as in Blender.
+def measure_directions(rays: Rays) -> tuple[Floats, Floats]:
+    """Return (scale, size), (n,) each, whose product is |d|; scaled first, or a length below 1e-160 would be 0."""
+    scale = np.abs(rays.directions).max(axis=1)
+    return scale, length(rays.directions / scale[:, np.newaxis])
 
-    Where many rays share a triangle, which is likely if there are not many more triangles than rays, each is measured
-    once.
-    """
-    geometry = held.caster.geometry
-    if geometry.sphere_id > SHARED_TRIANGLES * len(instance):
-        return measure_triangles(geometry, held.mirrored, instance, primitive).normal
-    ids = join_id(geometry, instance, primitive)  # (n,)
-    is_hit = np.zeros(geometry.sphere_id, dtype=bool)
-    is_hit[ids] = True
-    distinct = np.flatnonzero(is_hit)  # (k,)
-    row_of_id = np.empty(geometry.sphere_id, dtype=np.int32)
-    row_of_id[distinct] = np.arange(len(distinct), dtype=np.int32)
-    normal = measure_triangles(geometry, held.mirrored, *split_id(geometry, distinct)).normal
-    return normal.take(row_of_id[ids], axis=0)
+
+def make_result(held: Held, shown: Objects, rays: Rays, hits: Hits, shape: tuple[int, ...]) -> RayCastResult:
+    """Return the results of rays, one row each, as arrays of `shape`."""
+    hit = hits.hit
+    t = np.where(hit, hits.distance, 0.0)
+    location: Floats = rays.origins + t[:, np.newaxis] * rays.directions
+    location[~hit] = 0.0
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        scale, size = measure_directions(rays)
+        distance = np.where(hit, t * scale * size, np.inf)
+        error = np.where(hit, (hits.distance_error * scale * size + LENGTH_ERROR * distance) * (1 + LENGTH_ERROR), 0.0)
+    normal, index, vertices = find_surface(held, hit, hits.instance, hits.primitive)
+    places = HitPlaces(
+        held.view, held.shapes, held.shape_of_placement, hits.instance, hits.primitive, hits.barycentric, shape
+    )
+    return RayCastResult(
+        result=hit.reshape(shape),
+        location=location.reshape(*shape, 3),
+        normal=normal.reshape(*shape, 3),
+        index=index.reshape(shape),
+        object=shown.object[hits.instance].reshape(shape),
+        placement=hits.instance.reshape(shape),
+        distance=distance.reshape(shape),
+        distance_error=error.reshape(shape),
+        barycentric=hits.barycentric.reshape(*shape, 2),
+        vertices=vertices.reshape(*shape, 3),
+        shown=shown,
+        places=places,
+    )

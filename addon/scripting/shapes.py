@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import raytracer
 
-from ..extract.meshes import find_finite_triangles, open_mesh, read_array, read_attribute
+from ..extract.meshes import find_finite_triangles, read_array, read_attribute
 from ..extract.warnings import WarningList
 
 # A polygon's vertices in order, and how many triangles each polygon has, fix the triangles that Blender divides it
@@ -29,21 +29,17 @@ class Shape:
     content : what it was made from
     mesh : its triangles, object space
     polygons : (t,) int32, the Blender polygon of each triangle
+    rows : (t,) which of Blender's triangles each is; None = all are there, in their order
     """
 
     content: Content
     mesh: raytracer.Mesh
     polygons: NDArray[np.int32]
-
-
-def read_shape(source: Any, mesh: Any, last: Shape | None) -> Shape | None:
-    """Return the mesh of an evaluated object, `last` itself if nothing changed; None where there is nothing to hit."""
-    with open_mesh(source, mesh) as opened:
-        return make_shape(opened, mesh.is_editmode, last)
+    rows: NDArray[np.intp] | None = None
 
 
 def make_shape(mesh: Any, is_edited: bool, last: Shape | None) -> Shape | None:
-    """Return what `read_shape` does, of a mesh."""
+    """Return an evaluated mesh, `last` itself if nothing changed; None where there is nothing to hit."""
     if not len(mesh.polygons):
         return None
     mesh.calc_loop_triangles()
@@ -56,10 +52,11 @@ def make_shape(mesh: Any, is_edited: bool, last: Shape | None) -> Shape | None:
     kept = find_finite_triangles(positions, triangles, mesh.name, WarningList())  # (t,) or None
     if hidden is not None:
         kept = ~hidden[polygons] if kept is None else kept & ~hidden[polygons]
+    rows = None
     if kept is not None:
-        triangles, polygons = triangles[kept], polygons[kept]
+        rows, triangles, polygons = np.flatnonzero(kept), triangles[kept], polygons[kept]
         positions = np.where(np.isfinite(positions), positions, 0.0)
-    return Shape(content, raytracer.Mesh(positions, triangles), polygons) if len(triangles) else None
+    return Shape(content, raytracer.Mesh(positions, triangles), polygons, rows) if len(triangles) else None
 
 
 def read_content(mesh: Any, is_edited: bool) -> Content:

@@ -22,7 +22,7 @@ from addon.compare.ray_cast.sides import Answers, Sides, key_of
 from addon.extract.camera import extract_camera
 from addon.extract.warnings import WarningList
 from addon.scripting import held
-from addon.scripting import ray_cast as ray_cast_module
+from addon.scripting import results
 from tests.addon.scripting.ray_cast_fixtures import (
     DOWN,
     aim_down,
@@ -46,8 +46,8 @@ RAY_VISIBILITY = ("camera", "diffuse", "glossy", "transmission", "shadow")
 
 def make_sides(scene, depsgraph):
     """Return both sides of a comparison; ours has the placements that `ray_cast` answers with."""
-    kept, originals = held.find_held(depsgraph)
-    keys = [key_of(shown.name_full, row) for shown, row in zip(originals, kept.world_from_object, strict=True)]
+    kept, placements = held.find_held(depsgraph)
+    keys = [key_of(placement.original.name_full, placement.world_from_object) for placement in placements]
     target_of_key = {key: number for number, key in reversed(list(enumerate(keys)))}
     return Sides(
         caster=kept.caster,
@@ -319,7 +319,7 @@ def test_no_rays_give_no_results(empty_scene):
 def test_normals_are_the_same_measured_once_or_for_each_hit(empty_scene, monkeypatch):
     bpy.ops.mesh.primitive_uv_sphere_add(radius=2, scale=(1, -1, 0.5))
     many = assert_same_as_blender()
-    monkeypatch.setattr(ray_cast_module, "SHARED_TRIANGLES", 0)
+    monkeypatch.setattr(results, "SHARED_TRIANGLES", 0)
     np.testing.assert_array_equal(ray_cast(find_depsgraph(), *aim_down()).normal, many.normal)
 
 
