@@ -1,8 +1,8 @@
 """The Blender side of the Reference Ray Tracer: a render engine, its panels and a command line.
 
 The package itself imports nothing, so that `python -m addon --help` answers without Blender; `register` brings the
-modules in, and so does the first use of `ray_cast`, `scan` and the like. Inside the package imports are relative: Blender installs it under
-a name of its own.
+modules in, and so does the first use of `ray_cast`, `scan` and the like. Inside the package imports are relative:
+Blender installs it under a name of its own.
 """
 
 from importlib import import_module
@@ -14,7 +14,24 @@ if TYPE_CHECKING:
     from .scripting.scan import scan, scan_frames
 
 __all__ = [
-    *("closest_point", "inside", "ray_cast", "ray_cast_layers", "register", "scan", "scan_frames", "unregister", "visible"),
+    *(
+        "closest_point",
+        "inside",
+        "ray_cast",
+        "ray_cast_layers",
+        "register",
+        "scan",
+        "scan_frames",
+        "unregister",
+        "visible",
+    ),
+    "closest_point",
+    "inside",
+    "visible",
+    "ray_cast",
+    "ray_cast_layers",
+    "scan",
+    "scan_frames",
 ]
 # What scripts call, and the module of `scripting` that each is in.
 FUNCTIONS = {

@@ -1,6 +1,6 @@
 """The sidebar tab "Scan" of the 3D view; it is there with any render engine."""
 
-# ruff: noqa: N801, RUF012  (Blender prescribes the form of class names and attributes)
+# ruff: noqa: N801  (Blender prescribes the form of class names and attributes)
 
 from __future__ import annotations
 

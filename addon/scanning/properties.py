@@ -69,7 +69,11 @@ class ReferenceRaytracerScan(bpy.types.PropertyGroup):
         name="Rows", description="Number of rows, the rings of the scanner", default=32, min=1, soft_max=128, max=10_000
     )
     near: FloatProperty(  # type: ignore[valid-type]
-        name="Nearest", description="Surfaces closer than this are passed through", default=0.0, min=0.0, subtype="DISTANCE"
+        name="Nearest",
+        description="Surfaces closer than this are passed through",
+        default=0.0,
+        min=0.0,
+        subtype="DISTANCE",
     )
     distance: FloatProperty(  # type: ignore[valid-type]
         name="Farthest", description="Range of the scanner", default=100.0, min=0.0, soft_max=1000.0, subtype="DISTANCE"

@@ -148,10 +148,14 @@ def read_attribute(places: HitPlaces, name: str, depsgraph: Any = None) -> Float
     walk(table, places, depsgraph)
     if table.rows and not table.found:
         known = ", ".join(sorted(table.names)) or "none"
-        raise ValueError(f"name: expected an attribute or a vertex group of the meshes that are hit ({known}), got {name!r}")
+        raise ValueError(
+            f"name: expected an attribute or a vertex group of the meshes that are hit ({known}), got {name!r}"
+        )
     widths = {values.shape[1] for values in table.found.values()} or {1}
     if len(widths) > 1:
-        raise ValueError(f"name: {name!r} has {min(widths)} numbers on some meshes that are hit and {max(widths)} on others")
+        raise ValueError(
+            f"name: {name!r} has {min(widths)} numbers on some meshes that are hit and {max(widths)} on others"
+        )
     width = widths.pop()
     result = np.full((len(places.placement), width), np.nan)
     for key, values in table.found.items():

@@ -15,6 +15,10 @@ from bpy.app.handlers import persistent
 from numpy.typing import NDArray
 
 import raytracer
+from raytracer.arrays.types import Booleans
+from raytracer.casting.geometry import Geometry, pack_geometry
+from raytracer.casting.moving import MovingCaster, follow_moving
+from raytracer.casting.rays import Hits, Rays
 
 from .placements import Key, Placement, ShapeTable, list_placements
 from .selection import Selection
@@ -25,6 +29,44 @@ View = tuple[int, str, str, Selection]
 # Casters that are kept: those used last. A script rarely turns between more views, and each may be large.
 MOST_HELD = 4
 EVERYTHING = Selection()
+
+
+@dataclass(eq=False)
+class Casters:
+    """What casts rays into a scene: one caster of the whole, built when it is asked for, or of what stays and moves.
+
+    before : the caster of the whole scene as it was when there was one last
+    moving : where a few placements move
+    """
+
+    scene: raytracer.Scene
+    geometry: Geometry
+    before: raytracer.Caster | None = None
+    moving: MovingCaster | None = None
+    _whole: raytracer.Caster | None = None
+
+    @property
+    def whole(self) -> raytracer.Caster:
+        if self._whole is None:
+            self._whole, self.before = raytracer.build(self.scene, last=self.before), None
+        return self._whole
+
+    @property
+    def latest(self) -> raytracer.Caster | None:
+        """The last caster of a whole scene."""
+        return self._whole or self.before
+
+    def closest_hit(self, rays: Rays) -> Hits:
+        """Return the closest hit of each ray."""
+        if self.moving is not None:
+            return self.moving.closest_hit(rays)
+        return self.whole.closest_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
+
+    def any_hit(self, rays: Rays) -> Booleans:
+        """Return (n,) bool, whether anything is hit."""
+        if self.moving is not None:
+            return self.moving.any_hit(rays)
+        return self.whole.any_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +92,16 @@ class Held:
     polygons: NDArray[np.int32]
     first_polygon: NDArray[np.int64]
     first_vertex: NDArray[np.int64]
-    caster: raytracer.Caster
+    casters: Casters
+
+    @property
+    def caster(self) -> raytracer.Caster:
+        """The caster of the whole scene."""
+        return self.casters.whole
+
+    @property
+    def geometry(self) -> Geometry:
+        return self.casters.geometry
 
 
 _held: dict[View, Held] = {}
@@ -103,8 +154,23 @@ def renew(last: Held | None, view: View, shapes: dict[Key, Shape], placements: l
         polygons=polygons,
         first_polygon=np.append(first[mesh], len(polygons)),
         first_vertex=np.cumsum([0, *(len(shape.mesh.positions) for shape in distinct)])[:-1],
-        caster=raytracer.build(scene, last=last.caster if last else None),
+        casters=renew_casters(last, scene, shape_of_placement, matrices),
     )
+
+
+def renew_casters(
+    last: Held | None, scene: raytracer.Scene, shape_of_placement: tuple[Shape, ...], matrices: NDArray[np.float64]
+) -> Casters:
+    """Return what casts into a scene that has changed."""
+    geometry = pack_geometry(scene)
+    if last is None:
+        return Casters(scene, geometry)
+    casters = Casters(scene, geometry, last.casters.latest)
+    if len(last.shape_of_placement) == len(shape_of_placement):
+        changed = (last.world_from_object != matrices).any(axis=(1, 2))
+        changed |= [one is not other for one, other in zip(last.shape_of_placement, shape_of_placement, strict=True)]
+        casters.moving = follow_moving(scene, geometry, changed, last.casters.moving)
+    return casters
 
 
 @persistent

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raytracer.arrays.types import Booleans, Floats, Integers
 from raytracer.casting.inside import as_points
+from raytracer.casting.rays import make_rays
 from raytracer.lecture import length
 
 from .attributes import HitPlaces, read_attribute
@@ -30,7 +31,8 @@ class ClosestPointResult:
 
     result : (n,) bool, True where something is near enough
     location : (n, 3) float64, metres, world, the closest point; 0 where there is none
-    normal : (n, 3) float64, unit, world, of the flat triangle, on the side of the object's normal; 0 where there is none
+    normal : (n, 3) float64, unit, world, of the flat triangle, on the side of the object's normal; 0 where there is
+        none
     index : (n,) int32, the polygon of the evaluated mesh; -1 where there is none
     distance : (n,) float64, metres; inf where there is none
     distance_error : (n,) float64, metres, certified bound on |distance - exact|
@@ -123,9 +125,14 @@ def closest_point(
     shown = make_objects(held, placements, list_missing(selection, depsgraph))
     found = held.caster.closest_point(places, check_metres(distance, len(places), "distance"))
     normal, index, vertices = find_surface(held, found.found, found.instance, found.primitive)
-    hits = HitPlaces(
-        *(held.view, held.shapes, held.shape_of_placement),
-        *(found.instance, found.primitive, found.barycentric, (len(found),)),
+    places_hit = HitPlaces(
+        view=held.view,
+        shapes=held.shapes,
+        shape_of_placement=held.shape_of_placement,
+        placement=found.instance,
+        primitive=found.primitive,
+        weights=found.barycentric,
+        shape=(len(found),),
     )
     return ClosestPointResult(
         result=found.found,
@@ -139,7 +146,7 @@ def closest_point(
         barycentric=found.barycentric,
         vertices=vertices,
         shown=shown,
-        places=hits,
+        places=places_hit,
     )
 
 
@@ -201,7 +208,8 @@ def visible(
     points : (n, 3) or (3,), metres, world
     from_ : (n, 3) or (3,), metres, world, for instance the camera's location
     tolerance : number or (n,), metres; None: eight roundings of float32 of the largest coordinate, which is what
-        coordinates of Blender's are off by. 0 for points that are exact, such as vertices of an object without transform
+        coordinates of Blender's are off by. 0 for points that are exact, such as vertices of an object that is not
+        transformed
     objects, collection, visibility : what can hide a point, as `ray_cast`
 
     Returns
@@ -236,7 +244,7 @@ def visible(
         first = kept_free / length(way)
     # What is hit at the very point is no more in the way than what is hit within the tolerance.
     first = np.where(finite & (first >= 0), np.maximum(first, np.nextafter(0.0, 1.0)), np.nextafter(0.0, 1.0))
-    return finite & ~held.caster.any_hit(ends, way, first, np.nextafter(1.0, 0.0))
+    return finite & ~held.casters.any_hit(make_rays(ends, way, first, np.nextafter(1.0, 0.0)))
 
 
 def as_eyes(from_: ArrayLike) -> Floats:

@@ -53,9 +53,9 @@ def ray_cast(
     origins, directions : (n, 3) or (3,), metres, world; directions of any length; one may stand for all rays
     distance : number or (n,), metres; only what is closer is hit
     near : number or (n,), metres; only what is at least as far is hit
-    hits : None for the first hit of each ray, as (n,); k for the first k surfaces in exact order, as (n, k); inf for all,
-        as (n, the most that any ray meets). What an object has at one distance is one surface, also where faces share
-        an edge or a vertex
+    hits : None for the first hit of each ray, as (n,); k for the first k surfaces in exact order, as (n, k); inf for
+        all, as (n, the most that any ray meets). What an object has at one distance is one surface, also where faces
+        share an edge or a vertex
     objects, collection : only these objects, and those of this collection, are hit; an object stands also for the
         instances of it and for those that it makes
     visibility : 'viewport', what viewports show, as Scene.ray_cast; 'render', what renders show; 'camera', of that what
@@ -108,7 +108,7 @@ def cast_selected(depsgraph: Any, selection: Selection, rays: Rays, hits: float 
     held, placements = find_held(depsgraph, selection)
     shown = make_objects(held, placements, list_missing(selection, depsgraph))
     if most is None:
-        found = held.caster.closest_hit(rays.origins, rays.directions, rays.t_min, rays.t_max)
+        found = held.casters.closest_hit(rays)
         return make_result(held, shown, rays, found, (len(rays),))
     everything = held.caster.all_hits(
         rays.origins, rays.directions, rays.t_min, rays.t_max, None if most == np.inf else int(most)
@@ -160,11 +160,11 @@ def check_hits(hits: Any) -> float | None:
 
 def is_count(number: Any) -> bool:
     """Return True for a whole number of at least 1."""
-    return isinstance(number, int | np.integer) and number >= 1
+    return isinstance(number, int | np.integer) and int(number) >= 1
 
 
 def limit_rays(rays: Rays, near: ArrayLike, distance: ArrayLike) -> Rays:
-    """Return the rays with near / |d| <= t < distance / |d| as their range; the far end itself is out, as in Blender."""
+    """Return the rays with near / |d| <= t < distance / |d| as range; the far end itself is out, as in Blender."""
     first, last = (check_metres(value, len(rays), name) for value, name in ((near, "near"), (distance, "distance")))
     if last.shape == () and last == np.inf and first.shape == () and first <= 0:
         return rays

@@ -181,7 +181,7 @@ def find_normals(held: Held, instance: Integers, primitive: Integers) -> Floats:
     Where many rays share a triangle, which is likely if there are not many more triangles than rays, each is measured
     once.
     """
-    geometry = held.caster.geometry
+    geometry = held.geometry
     if geometry.sphere_id > SHARED_TRIANGLES * len(instance):
         return measure_triangles(geometry, held.mirrored, instance, primitive).normal
     ids = join_id(geometry, instance, primitive)  # (n,)
@@ -194,13 +194,15 @@ def find_normals(held: Held, instance: Integers, primitive: Integers) -> Floats:
     return normal.take(row_of_id[ids], axis=0)
 
 
-def find_surface(held: Held, hit: Booleans, instance: Integers, primitive: Integers) -> tuple[Floats, Integers, Integers]:
+def find_surface(
+    held: Held, hit: Booleans, instance: Integers, primitive: Integers
+) -> tuple[Floats, Integers, Integers]:
     """Return normal (n, 3), polygon (n,) and vertices (n, 3) of triangles; 0, -1 and -1 for a miss."""
     index = held.polygons[held.first_polygon[instance] + primitive]  # a miss finds the last entries, -1
     normal, vertices = np.zeros((len(hit), 3)), np.full((len(hit), 3), -1, np.int32)
     rows = np.flatnonzero(hit)
     if len(rows):
-        geometry = held.caster.geometry
+        geometry = held.geometry
         normal[rows] = find_normals(held, instance[rows], primitive[rows])
         mesh = geometry.instance_mesh[instance[rows]]
         vertices[rows] = geometry.triangles[geometry.mesh_first[mesh] + primitive[rows]] - held.first_vertex[mesh, None]

@@ -122,7 +122,7 @@ def scan(
     >>> len(points.data.vertices), points.data.attributes["distance"].data[0].value
     (4, 1.0)
     """
-    pattern = ScanPattern(tuple(horizontal), tuple(vertical), columns, rows)
+    pattern = ScanPattern(horizontal, vertical, columns, rows)
     if not is_count(echoes):
         raise ValueError(f"echoes: expected a whole number of at least 1, got {echoes!r}")
     for label, value in (("noise", noise), ("radius", radius)):
@@ -190,7 +190,9 @@ def list_returns(
     return location, attributes
 
 
-def scan_frames(scene: Any, origin: Any, frames: Iterable[int] | None = None, **options: Any) -> Iterator[tuple[int, Any]]:
+def scan_frames(
+    scene: Any, origin: Any, frames: Iterable[int] | None = None, **options: Any
+) -> Iterator[tuple[int, Any]]:
     """Scan the frames of an animation: yield (frame, object of points) for each; the scene's frame is set back then.
 
     From frame to frame only meshes that changed are read again, and only what moved is built again.

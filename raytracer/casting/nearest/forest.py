@@ -1,7 +1,7 @@
 """Boxes over a scene for questions of distance: a tree for each mesh in its own space, and one over all that is placed.
 
-A tree is complete: every node has FAN children down to the leaves, so that it needs no more than the number of the first
-one. An instance is searched in the space of its mesh: with M = U S V^T (singular values s), |M x| >= s_min |x|, so
+A tree is complete: every node has FAN children down to the leaves, so that it needs no more than the number of the
+first one. An instance is searched in the space of its mesh: with M = U S V^T (singular values s), |M x| >= s_min |x|, so
 
     distance in the world >= s_min (distance from the box in object space) - slack
                           <= s_max (distance from its farthest corner) + slack.
@@ -89,7 +89,10 @@ def build_tree(boxes: Floats) -> BoxTree:
     sorted_boxes = boxes[order]
     levels = [
         np.stack(
-            [np.minimum.reduceat(sorted_boxes[:, 0], starts[:-1]), np.maximum.reduceat(sorted_boxes[:, 1], starts[:-1])],
+            [
+                np.minimum.reduceat(sorted_boxes[:, 0], starts[:-1]),
+                np.maximum.reduceat(sorted_boxes[:, 1], starts[:-1]),
+            ],
             axis=1,
         )
     ]
@@ -170,7 +173,10 @@ def _place_trees(geometry: Geometry, tree: BoxTree, root: NDArray[np.int64], box
 
 def _move_box(matrix: Floats, box: Floats) -> Floats:
     """Return a box (2, 3) around the image of a box; what rounds is in the slack."""
-    middle, half = matrix[:3, :3] @ (box.sum(axis=0) / 2) + matrix[:3, 3], np.abs(matrix[:3, :3]) @ (box[1] - box[0]) / 2
+    middle, half = (
+        matrix[:3, :3] @ (box.sum(axis=0) / 2) + matrix[:3, 3],
+        np.abs(matrix[:3, :3]) @ (box[1] - box[0]) / 2,
+    )
     return np.stack([middle - half, middle + half])
 
 
@@ -183,7 +189,7 @@ def _join_trees(trees: list[BoxTree | None]) -> tuple[BoxTree, NDArray[np.int64]
         tree.first + np.where(tree.leaf, items, nodes)
         for tree, nodes, items in zip(distinct, node_start[:-1], item_start[:-1], strict=True)
     ]
-    number = {tree: start for tree, start in zip(distinct, node_start[:-1], strict=True)}
+    number = dict(zip(distinct, node_start[:-1], strict=True))
     joined = BoxTree(
         np.concatenate([tree.boxes for tree in distinct]),
         np.concatenate(first),

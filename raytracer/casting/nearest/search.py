@@ -149,7 +149,7 @@ class NearestSearch:
         result = make_none(count)
         if not self.measured:
             return result
-        point, owner, item = (np.concatenate([part[k] for part in self.measured]) for k in range(3))  # type: ignore[misc]
+        point, owner, item = (np.concatenate([part[k] for part in self.measured]) for k in range(3))
         found = Measured(*(np.concatenate(parts) for parts in zip(*(part[3] for part in self.measured), strict=True)))
         least = np.full(count, np.inf)
         np.minimum.at(least, point, found.low)
@@ -178,7 +178,9 @@ def make_none(count: int) -> ClosestPoints:
     )
 
 
-def find_closest(forest: Forest | None, primitives: Primitives, points: ArrayLike, distance: ArrayLike) -> ClosestPoints:
+def find_closest(
+    forest: Forest | None, primitives: Primitives, points: ArrayLike, distance: ArrayLike
+) -> ClosestPoints:
     """Return the closest point of a scene to each of n points.
 
     Parameters
@@ -213,6 +215,8 @@ def find_closest(forest: Forest | None, primitives: Primitives, points: ArrayLik
         far = part.distance > most[some]
         for name in ClosestPoints.__slots__:
             getattr(result, name)[some] = np.where(
-                far.reshape(-1, *(1,) * (getattr(part, name).ndim - 1)), getattr(result, name)[some], getattr(part, name)
+                far.reshape(-1, *(1,) * (getattr(part, name).ndim - 1)),
+                getattr(result, name)[some],
+                getattr(part, name),
             )
     return result

@@ -71,7 +71,8 @@ def test_nothing_is_read_until_it_is_asked_for(quads: Any, monkeypatch: Any) -> 
     monkeypatch.setattr(attributes, "sample", lambda *arguments: asked.append("attribute"))
     monkeypatch.setattr(attributes, "list_placements", lambda *arguments: asked.append("walk") or [])
     cast = ray_cast(find_depsgraph(), *aim_down())
-    assert cast.matrix.shape and len(cast.persistent_id) == len(cast)
+    assert cast.matrix.shape
+    assert len(cast.persistent_id) == len(cast)
     assert not asked
 
 

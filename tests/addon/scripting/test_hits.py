@@ -41,8 +41,12 @@ def aim_at_center(count: int, seed: int = 3) -> tuple[Any, Any]:
 def test_results_unpack_as_those_of_blender_do(sphere: Any) -> None:
     cast = ray_cast(find_depsgraph(), [(0, 0, 5), (9, 9, 9)], DOWN)
     result, location, normal, index, number, matrix = cast
-    assert (result is cast.result) and (location is cast.location) and (normal is cast.normal)
-    assert (index is cast.index) and (number is cast.object) and matrix.shape == (2, 4, 4)
+    assert result is cast.result
+    assert location is cast.location
+    assert normal is cast.normal
+    assert index is cast.index
+    assert number is cast.object
+    assert matrix.shape == (2, 4, 4)
     assert len(cast) == 2
 
 

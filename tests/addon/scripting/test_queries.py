@@ -107,7 +107,7 @@ def test_visibility_goes_both_ways_and_ends_at_the_points(empty_scene: Any) -> N
     assert visible(depsgraph, (0.1, 0.2, 0), [(0.1, 0.2, z) for z in (0.5, 1.0, 1.5)]).tolist() == [True, True, False]
     assert visible(depsgraph, points, eyes, objects=[]).all()
     assert visible(depsgraph, [(np.nan, 0, 0), (0, 0, 5)], (0, 0, 5)).tolist() == [False, True]
-    cast = ray_cast(depsgraph, np.random.default_rng(1).uniform(-0.9, 0.9, (500, 3)) + (0, 0, 7), DOWN)
+    cast = ray_cast(depsgraph, np.random.default_rng(1).uniform((-0.9, -0.9, 6), (0.9, 0.9, 8), (500, 3)), DOWN)
     assert visible(depsgraph, cast.location, (0.3, 0.2, 7)).all()
     assert wall.name == "Wall"
 
@@ -120,7 +120,10 @@ def test_visibility_goes_both_ways_and_ends_at_the_points(empty_scene: Any) -> N
         (lambda depsgraph: closest_point(None, (0, 0, 0)), "depsgraph: expected a bpy.types.Depsgraph, got NoneType"),
         (lambda depsgraph: inside(depsgraph, "here"), "points: expected an array"),
         (lambda depsgraph: visible(depsgraph, (0, 0, 0), (0, 0)), r"from_: expected shape \(n, 3\)"),
-        (lambda depsgraph: visible(depsgraph, np.zeros((3, 3)), np.zeros((2, 3))), "from_: expected one place or as many"),
+        (
+            lambda depsgraph: visible(depsgraph, np.zeros((3, 3)), np.zeros((2, 3))),
+            "from_: expected one place or as many",
+        ),
         (lambda depsgraph: visible(depsgraph, (0, 0, 0), (0, 0, 1), tolerance="x"), "tolerance: expected an array"),
     ],
 )

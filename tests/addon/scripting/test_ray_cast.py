@@ -21,8 +21,7 @@ from addon.compare.ray_cast.rays import aim_rays
 from addon.compare.ray_cast.sides import Answers, Sides, key_of
 from addon.extract.camera import extract_camera
 from addon.extract.warnings import WarningList
-from addon.scripting import held
-from addon.scripting import results
+from addon.scripting import held, results
 from tests.addon.scripting.ray_cast_fixtures import (
     DOWN,
     aim_down,

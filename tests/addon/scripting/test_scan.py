@@ -83,7 +83,8 @@ def test_a_camera_scans_what_it_looks_at_and_an_object_scans_from_its_y_axis(sce
     # Left and up of the camera: its -X and its Y, turned with it.
     axes = np.array(camera.matrix_world)[:3, :3]
     first, last = location[0] @ axes, location[-1] @ axes
-    assert first[0] > 0 > first[1] and last[0] < 0 < last[1]
+    assert first[0] > 0 > first[1]
+    assert last[0] < 0 < last[1]
     wall = link("Wall", make_quad(9), (0, 6, 0))
     wall.rotation_euler = (np.pi / 2, 0, 0)
     scanner = link("Scanner", make_quad(2), (0, 0, 1))
@@ -115,11 +116,15 @@ def test_spheres_of_points_are_shown_to_renders(room: Any) -> None:
     points = scan(find_depsgraph(), (0, 0, 0), columns=8, rows=2, radius=0.25)
     shown = [instance.object.data for instance in find_depsgraph().object_instances
              if instance.object.type == "POINTCLOUD"]  # fmt: skip
-    assert len(shown) == 1 and len(shown[0].points) == 16
+    assert len(shown) == 1
+    assert len(shown[0].points) == 16
     assert all(abs(point.radius - 0.25) < 1e-6 for point in shown[0].points)
     assert len(shown[0].attributes["distance"].data) == 16
     bpy.data.node_groups[0].interface.clear()  # a group of the same name that is another
-    assert scan(find_depsgraph(), (0, 0, 0), columns=8, rows=2, radius=0.25).modifiers[0].node_group.name == "Scan Points.001"
+    assert (
+        scan(find_depsgraph(), (0, 0, 0), columns=8, rows=2, radius=0.25).modifiers[0].node_group.name
+        == "Scan Points.001"
+    )
     assert points.modifiers
 
 
@@ -164,5 +169,5 @@ def test_arguments_that_do_not_fit_are_named(empty_scene: Any, options: dict[str
     with pytest.raises(ValueError, match=sentence):
         scan(find_depsgraph(), **{"origin": (0, 0, 0), **options})
     assert len(bpy.data.objects) == before
-    with pytest.raises(ValueError, match="scene: expected a bpy.types.Scene, got NoneType"):
+    with pytest.raises(ValueError, match=r"scene: expected a bpy\.types\.Scene, got NoneType"):
         next(scan_frames(None, (0, 0, 0)))

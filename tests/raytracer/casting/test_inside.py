@@ -59,7 +59,7 @@ def test_a_mesh_with_a_border_has_no_inside():
 def test_vertices_at_one_place_close_a_mesh():
     positions, triangles = meshes.make_cube()
     split = raytracer.Mesh(positions[triangles].reshape(-1, 3), np.arange(36).reshape(-1, 3))
-    zeros = raytracer.Mesh(np.where(positions == -1, -0.0, positions + 0.0) , triangles)
+    zeros = raytracer.Mesh(np.where(positions == -1, -0.0, positions + 0.0), triangles)
     assert is_closed(split)
     assert is_closed(zeros)
     assert not is_closed(raytracer.Mesh(positions, triangles[:-1]))

@@ -44,7 +44,9 @@ def test_layers_through_edges_and_vertices_meet_each_surface_once():
 def test_layers_of_coinciding_objects_meet_each_of_them_once():
     cube = meshes.make_cube()
     turned = cube[0], cube[1][:, [1, 2, 0]]
-    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(-4, 5) / 4, np.arange(-4, 5) / 4))  # diagonals, edges, corners
+    x, y = (
+        axis.ravel() for axis in np.meshgrid(np.arange(-4, 5) / 4, np.arange(-4, 5) / 4)
+    )  # diagonals, edges, corners
     origins = np.stack([x, y, np.full(81, 3.0)], axis=1)
     assert_layers_are_exact([cube, turned, meshes.make_quad()], origins, np.tile([(0.0, 0.0, -0.3)], (81, 1)))
 
@@ -76,7 +78,9 @@ def test_all_hits_are_the_layers_ray_by_ray():
     found = caster.all_hits(origins, directions)
     assert found.count.tolist() == np.sum([layer.hit for layer in layers], axis=0).tolist()
     assert found.count.max() == len(layers) >= 8
-    for ray, layer, distance, primitive in zip(found.ray, found.layer, found.hits.distance, found.hits.primitive, strict=True):
+    for ray, layer, distance, primitive in zip(
+        found.ray, found.layer, found.hits.distance, found.hits.primitive, strict=True
+    ):
         assert (distance, primitive) == (layers[layer].distance[ray], layers[layer].primitive[ray])
     assert (np.diff(found.ray) >= 0).all()
     few = caster.all_hits(origins, directions, most=2)

@@ -25,7 +25,7 @@ def dot(p, q):
 
 
 def squared_distance(point, triangle):
-    """The exact squared distance of a point from a triangle, by minimizing over its inside and its edges in fractions."""
+    """The exact squared distance of a point from a triangle: the least over its inside and its edges, in fractions."""
     p, *corners = ([Fraction(float(x)) for x in vector] for vector in (point, *triangle))
     found = []
     for a, b in pairwise([*corners, corners[0]]):
