@@ -15,12 +15,19 @@ from raytracer import lecture
 
 # Modules whose examples run; those of the public names are among them.
 MODULES = (
-    *("raytracer.lecture", "raytracer.casting.caster", "raytracer.scene.shapes", "raytracer.scene.scene"),
+    *(
+        "raytracer.lecture",
+        "raytracer.casting.caster",
+        "raytracer.casting.questions",
+        "raytracer.scene.shapes",
+        "raytracer.scene.scene",
+    ),
     *("raytracer.scene.scene_file", "raytracer.rendering.render", "raytracer.film.film"),
     "raytracer.sampling.dimensions",
 )
 PUBLIC = (
     *(raytracer.build, raytracer.Caster.closest_hit, raytracer.Caster.any_hit, raytracer.Caster.crossings),
+    *(raytracer.Caster.layers, raytracer.Caster.all_hits, raytracer.Caster.inside, raytracer.Caster.closest_point),
     *(raytracer.Mesh, raytracer.Scene, raytracer.render, raytracer.Film, raytracer.save, raytracer.load),
 )
 # How an example is broken into lines is not what it is about.
@@ -47,9 +54,17 @@ def test_what_users_call_has_examples() -> None:
 
 
 @pytest.mark.blender
-def test_the_example_of_ray_cast_holds_in_blender() -> None:
-    bpy = pytest.importorskip("bpy", reason="ray_cast needs Blender")
+@pytest.mark.parametrize("name", ["ray_cast", "queries", "scan"])
+def test_the_examples_for_scripts_hold_in_blender(name: str) -> None:
+    bpy = pytest.importorskip("bpy", reason="scripts need Blender")
     bpy.ops.wm.read_factory_settings()
-    results = run_examples(import_module("addon.scripting.ray_cast"))
+    results = run_examples(import_module(f"addon.scripting.{name}"))
     assert results.attempted
     assert not results.failed
+
+
+@pytest.mark.blender
+def test_what_scripts_call_has_examples() -> None:
+    pytest.importorskip("bpy", reason="scripts need Blender")
+    addon = import_module("addon")
+    assert not [name for name in addon.FUNCTIONS if ">>>" not in (inspect.getdoc(getattr(addon, name)) or "")]

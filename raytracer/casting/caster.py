@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,11 +21,7 @@ from raytracer.casting.choose import Offer, choose_accelerators
 from raytracer.casting.crossings import CrossingQuery
 from raytracer.casting.dense.offer import DenseOffer
 from raytracer.casting.geometry import Geometry, pack_geometry
-from raytracer.casting.inside import find_inside
-from raytracer.casting.layers import AllHits, find_all_hits, iterate_layers
 from raytracer.casting.matrix_form import MatrixForm
-from raytracer.casting.nearest.forest import Forest, build_forest
-from raytracer.casting.nearest.search import ClosestPoints, find_closest
 from raytracer.casting.order import Departure, Order
 from raytracer.casting.pencil.offer import DrawnOffer
 from raytracer.casting.pencil.packet_grid import PacketGrid
@@ -35,6 +31,7 @@ from raytracer.casting.pencil.projection import Projection, project
 from raytracer.casting.pencil.rasterize import offer_projected
 from raytracer.casting.primitives import Primitives, make_primitives
 from raytracer.casting.query import Query
+from raytracer.casting.questions import Questions
 from raytracer.casting.rays import Hits, Rays, make_misses, make_rays
 from raytracer.predicates.rounding import PRECISIONS
 from raytracer.scene.scene import Scene
@@ -53,7 +50,7 @@ keep_freed_memory()
 
 
 @dataclass(frozen=True, eq=False)
-class Caster:
+class Caster(Questions):
     """A scene ready to be cast into.
 
     offer : the accelerator for any rays, a function that offers a Query all candidates its rays can hit
@@ -163,42 +160,6 @@ class Caster:
             found[index] = query.found_any()
         return found
 
-    def layers(
-        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
-    ) -> Iterator[Hits]:
-        """Yield the hits of n rays with the next surface each, until all miss (`iterate_layers`).
-
-        Examples
-        --------
-        >>> import raytracer
-        >>> spheres = raytracer.Spheres(centres=[(0, 0, 0), (0, 0, 5)], radii=[1, 1])
-        >>> caster = raytracer.build(raytracer.Scene(spheres=[spheres]))
-        >>> [hits.distance[0] for hits in caster.layers((0, 0, -3), (0, 0, 1))]
-        [2.0, 4.0, 7.0, 9.0]
-        """
-        return iterate_layers(self, origins, directions, t_min, t_max)
-
-    def all_hits(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = np.inf,
-        most: int | None = None,
-    ) -> AllHits:
-        """Return all surfaces that rays meet, at most `most` for each ray (`find_all_hits`).
-
-        Examples
-        --------
-        >>> import raytracer
-        >>> spheres = raytracer.Spheres(centres=[(0, 0, 0), (0, 0, 5)], radii=[1, 1])
-        >>> caster = raytracer.build(raytracer.Scene(spheres=[spheres]))
-        >>> found = caster.all_hits([(0, 0, -3), (0, 9, 0), (0, 0, 3)], (0, 0, 1))
-        >>> found.count.tolist(), found.ray.tolist(), found.hits.distance.tolist()
-        ([4, 0, 2], [0, 0, 0, 0, 2, 2], [2.0, 4.0, 7.0, 9.0, 1.0, 3.0])
-        """
-        return find_all_hits(self, origins, directions, t_min, t_max, most)
-
     def _run_queries(
         self, rays: Rays, valid: Booleans, any_hit: bool, order: Order | None
     ) -> Iterator[tuple[Rows, Query]]:
@@ -302,37 +263,6 @@ class Caster:
             self.offer(query)
             count[index] = query.counts()
         return count
-
-    def inside(self, points: ArrayLike) -> Booleans:
-        """Return (n,) bool: which points lie inside a closed mesh or a sphere; exact (`find_inside`).
-
-        Examples
-        --------
-        >>> import raytracer
-        >>> corners, faces = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
-        >>> caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(corners, faces)]))
-        >>> caster.inside([(0.25, 0.25, 0.25), (2, 2, 2)]).tolist()
-        [True, False]
-        """
-        return find_inside(self, points)
-
-    @cached_property
-    def _forest(self) -> Forest | None:
-        return build_forest(self.scene, self.geometry)
-
-    def closest_point(self, points: ArrayLike, distance: ArrayLike = np.inf) -> ClosestPoints:
-        """Return the point of the scene that is closest to each of n points, at most `distance` away (`find_closest`).
-
-        Examples
-        --------
-        >>> import raytracer
-        >>> mesh = raytracer.Mesh(positions=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], triangles=[(0, 1, 2)])
-        >>> caster = raytracer.build(raytracer.Scene(meshes=[mesh]))
-        >>> closest = caster.closest_point([(0.25, 0.5, 2), (-3, -4, 0)])
-        >>> closest.distance.tolist(), closest.location.tolist()
-        ([2.0, 5.0], [[0.25, 0.5, 0.0], [0.0, 0.0, 0.0]])
-        """
-        return find_closest(self._forest, self.primitives, points, distance)
 
 
 def build(scene: Scene, precision: str = "certified", last: Caster | None = None) -> Caster:

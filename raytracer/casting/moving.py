@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raytracer.arrays.types import Booleans, Indices
+from raytracer.arrays.types import Booleans
 from raytracer.casting.caster import Caster, build
 from raytracer.casting.geometry import Geometry, world_corners
 from raytracer.casting.passed import bound_distances
@@ -31,6 +31,7 @@ class MovingCaster:
         """Take the caster of what stays from `last`, where the same instances move."""
         self.geometry, self.moving = geometry, moving
         self._still: Caster
+        self._moved: Caster
         if last is not None and np.array_equal(last.moving, moving):
             self._still = last._still
         else:
@@ -69,7 +70,7 @@ class MovingCaster:
             closer[ray] = self._is_closer(rays, ours, others, ray)
         return closer
 
-    def _is_closer(self, rays: Rays, ours: Hits, others: Hits, ray: Indices) -> bool:
+    def _is_closer(self, rays: Rays, ours: Hits, others: Hits, ray: int) -> bool:
         """Decide one of those in integers."""
         instance, primitive = (
             np.array([getattr(ours, name)[ray], getattr(others, name)[ray]]) for name in ("instance", "primitive")
@@ -77,7 +78,7 @@ class MovingCaster:
         decision = exact.closest_candidate(
             rays.origins[ray].tolist(),
             rays.directions[ray].tolist(),
-            float(max(rays.t_min[ray], 0.0)),
+            max(float(rays.t_min[ray]), 0.0),
             float(rays.t_max[ray]),
             np.stack(world_corners(self.geometry, instance, primitive), axis=1),
             np.zeros((0, 4)),

@@ -1,7 +1,8 @@
 """Boxes over a scene for questions of distance: a tree for each mesh in its own space, and one over all that is placed.
 
 A tree is complete: every node has FAN children down to the leaves, so that it needs no more than the number of the
-first one. An instance is searched in the space of its mesh: with M = U S V^T (singular values s), |M x| >= s_min |x|, so
+first one. An instance is searched in the space of its mesh: with M = U S V^T (singular values s),
+|M x| >= s_min |x|, so
 
     distance in the world >= s_min (distance from the box in object space) - slack
                           <= s_max (distance from its farthest corner) + slack.
