@@ -60,8 +60,8 @@ class ReferenceRaytracerScan(bpy.types.PropertyGroup):
         max=math.tau,
         subtype="ANGLE",
     )
-    lowest: angle("Lowest", "Elevation of the lowest row of rays; the horizon is 0°", -25.0, 90.0)  # type: ignore[valid-type]
-    highest: angle("Highest", "Elevation of the highest row of rays; the horizon is 0°", 15.0, 90.0)  # type: ignore[valid-type]
+    lowest: angle("Lowest Elevation", "Elevation of the lowest row of rays; the horizon is 0°", -25.0, 90.0)  # type: ignore[valid-type]
+    highest: angle("Highest Elevation", "Elevation of the highest row of rays; the horizon is 0°", 15.0, 90.0)  # type: ignore[valid-type]
     columns: IntProperty(  # type: ignore[valid-type]
         name="Columns", description="Number of rays in each row", default=900, min=1, soft_max=4096, max=100_000
     )

@@ -29,6 +29,8 @@ def make_point_object(
     name: str, location: Floats, attributes: list[Attribute], names: dict[str, str], radius: float, scene: Any
 ) -> Any:
     """Return a new object of points (k, 3) in the world, linked to the scene's collection."""
+    if radius > 0:
+        attributes = [*attributes, Attribute("radius", "FLOAT", np.full(len(location), radius))]
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(location))
     mesh.vertices.foreach_set("co", np.ascontiguousarray(location, dtype=np.float32).ravel())
@@ -41,38 +43,30 @@ def make_point_object(
     points = bpy.data.objects.new(name, mesh)
     scene.original.collection.objects.link(points)
     if radius > 0:
-        show_spheres(points, radius)
+        show_spheres(points)
     return points
 
 
-def show_spheres(points: Any, radius: float) -> None:
-    """Show vertices as spheres of a radius in metres, by a modifier."""
-    modifier = points.modifiers.new(NODE_GROUP, "NODES")
+def show_spheres(points: Any) -> None:
+    """Show vertices as spheres of the radius that their attribute says, by a modifier."""
     group = bpy.data.node_groups.get(NODE_GROUP)
-    if group is None or find_radius(group) is None:  # or one that the user has called so
-        group = make_node_group()
-    modifier.node_group = group
-    modifier[find_radius(group)] = radius
-
-
-def find_radius(group: Any) -> str | None:
-    """Return the identifier of a node group's input Radius, or None."""
-    sockets = (item for item in group.interface.items_tree if item.item_type == "SOCKET" and item.in_out == "INPUT")
-    return next((socket.identifier for socket in sockets if socket.name == "Radius"), None)
+    if group is None or not any(node.bl_idname == "GeometryNodeMeshToPoints" for node in group.nodes):
+        group = make_node_group()  # or one that the user has called so
+    points.modifiers.new(NODE_GROUP, "NODES").node_group = group
 
 
 def make_node_group() -> Any:
-    """Return the node group: Mesh to Points with a radius, and the object's first material."""
+    """Return the node group: Mesh to Points, with the attribute `radius`."""
     group = bpy.data.node_groups.new(NODE_GROUP, "GeometryNodeTree")
-    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
-    radius = group.interface.new_socket("Radius", in_out="INPUT", socket_type="NodeSocketFloat")
-    radius.subtype, radius.min_value = "DISTANCE", 0.0
-    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    for in_out in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
     start, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-    to_points = group.nodes.new("GeometryNodeMeshToPoints")
+    radius, to_points = group.nodes.new("GeometryNodeInputNamedAttribute"), group.nodes.new("GeometryNodeMeshToPoints")
+    radius.data_type = "FLOAT"
+    radius.inputs["Name"].default_value = "radius"
     group.links.new(start.outputs["Geometry"], to_points.inputs["Mesh"])
-    group.links.new(start.outputs["Radius"], to_points.inputs["Radius"])
+    group.links.new(radius.outputs["Attribute"], to_points.inputs["Radius"])
     group.links.new(to_points.outputs[0], end.inputs["Geometry"])
-    for place, node in enumerate((start, to_points, end)):
-        node.location = (200 * place, 0)
+    for node, place in ((start, (0, 0)), (radius, (0, -100)), (to_points, (200, 0)), (end, (400, 0))):
+        node.location = place
     return group

@@ -96,7 +96,7 @@ def scan(
     distance, near : metres, the range: near <= distance from the scanner < distance
     echoes : how many surfaces each ray returns
     noise : metres, the standard deviation of distances that are measured, along the ray; `seed` chooses it
-    radius : metres, of the spheres that renders show; 0 shows none
+    radius : metres, of the spheres that renders show, kept as an attribute; 0 shows none
     objects, collection, visibility : what is scanned, as `ray_cast`
     name : of the object and its mesh
 

@@ -2,9 +2,8 @@
 
     python -m tests.benchmarks.scanning [--rays N]
 
-The loops are those that range-scan add-ons and data set makers write today. Prints a table in Markdown; asserts nothing.
-References: BlenderProc, blenderproc/python/camera/CameraProjection.py (`depth_via_raytracing`) and
-object/... `create_bvh_tree_multi_objects`; "Blainder", L. Reitmann et al., Sensors 21(6), 2144 (2021).
+The loops are those that range-scan add-ons and data set makers write today; prints a table in Markdown.
+Source: BlenderProc, blenderproc/python/camera/CameraProjection.py, `depth_via_raytracing`.
 """
 
 from __future__ import annotations
@@ -68,7 +67,9 @@ def scan_scene(name: str, rays: int, with_tree: bool) -> list[str]:
     few = directions[:: max(1, len(directions) // LOOPED_RAYS)]
     scene, start, rows = bpy.context.scene, Vector(origin), []
     spent, hit = measure(lambda: [scene.ray_cast(depsgraph, start, Vector(row))[0] for row in few])
-    rows.append(f"| {name} | loop over `Scene.ray_cast` | - | {1e6 * spent / len(few):.2f} | {sum(hit) / len(few):.4f} |")
+    rows.append(
+        f"| {name} | loop over `Scene.ray_cast` | - | {1e6 * spent / len(few):.2f} | {sum(hit) / len(few):.4f} |"
+    )
     if with_tree:
         built, tree = measure(lambda: make_tree(depsgraph))
         spent, hit = measure(lambda: [tree.ray_cast(start, Vector(row))[3] is not None for row in few])

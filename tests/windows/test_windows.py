@@ -85,3 +85,12 @@ def test_a_render_shows_a_first_look_and_its_statistics_unasked(tmp_path: Path) 
     report = drive("first_look.py", tmp_path)
     assert (report["engine"], report["view"]) == ("REFERENCE_RAYTRACER", "CAMERA")
     assert {"opened", "first_look", "later", "done"} == {path.stem for path in tmp_path.glob("*.png")}
+
+
+def test_the_scanner_scans_and_undo_takes_it_back(tmp_path: Path) -> None:
+    report = drive("scan.py", tmp_path)
+    assert report["result"] == ["FINISHED"]
+    name, count = report["points"]
+    assert name == "Scan"
+    assert count > 10_000
+    assert report["after_undo"] is False

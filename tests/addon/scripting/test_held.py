@@ -11,6 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from mathutils import Vector
 
 import addon
 from addon import ray_cast
@@ -193,15 +194,24 @@ except AttributeError as error:
 # The README's examples ----------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def examples():
-    """Return the README's examples, run in order on the still life with its object of most vertices active."""
-    section = (ROOT / "README.md").read_text(encoding="utf-8").split("## Many rays at once\n")[1].split("\n## ")[0]
+def open_still_life():
+    """Open the still life, with its object of most vertices active."""
     bpy.ops.wm.open_mainfile(filepath=str(ROOT / "blend_scenes" / "still_life.blend"), load_ui=False)
     meshes = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
     bpy.context.view_layer.objects.active = max(meshes, key=lambda thing: len(thing.data.vertices))
+
+
+def find_blocks(text):
+    return re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+
+
+@pytest.fixture
+def examples():
+    """Return the README's examples, to be run in order on the still life."""
+    section = (ROOT / "README.md").read_text(encoding="utf-8").split("## Many rays at once\n")[1].split("\n## ")[0]
+    open_still_life()
     names: dict[str, Any] = {}
-    blocks = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    blocks = find_blocks(section)
     assert len(blocks) == 3
     return names, blocks
 
@@ -209,9 +219,28 @@ def examples():
 def test_readme_scans_the_scene(examples):
     names, blocks = examples
     exec(blocks[0], names)
-    points, cast = bpy.data.objects["LiDAR"].data, names["cast"]
-    assert len(points.vertices) == cast.result.sum() > 1000
-    np.testing.assert_allclose([tuple(vertex.co) for vertex in points.vertices], cast.location[cast.result], rtol=1e-6)
+    points = bpy.data.objects["LiDAR"].data
+    assert len(points.vertices) > 1000
+    away = [(vertex.co - Vector((0, 0, 1.8))).length for vertex in points.vertices]
+    np.testing.assert_allclose([item.value for item in points.attributes["distance"].data], away, rtol=1e-5)
+
+
+def test_the_page_about_scans_runs():
+    blocks = find_blocks((ROOT / "addon" / "scripting" / "README.md").read_text(encoding="utf-8"))
+    open_still_life()
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(block, names)
+    assert len(names["values"]["distance"]) > 10_000
+    assert "Backdrop" in names["names"].values()
+    assert names["depth"].shape == names["instance"].shape == (names["height"], names["width"])
+    assert np.isfinite(names["thickness"]).any()
+    assert names["within"].any()
+    assert not names["within"].all()
+    assert names["seen"].any()
+    assert not names["seen"].all()
+    assert len(names["materials"]) > 3
+    assert np.isfinite(names["height_in_object"]).any()
 
 
 def test_readme_maps_what_the_camera_sees(examples):
@@ -236,11 +265,12 @@ def test_readme_maps_what_the_camera_sees(examples):
 def test_readme_finds_the_visible_vertices(examples):
     names, blocks = examples
     exec("\n".join(blocks), names)
-    visible, depsgraph, scene = names["visible"], names["depsgraph"], bpy.context.scene
+    visible, depsgraph, scene = names["seen"], names["depsgraph"], bpy.context.scene
     assert 0 < visible.sum() < len(visible)
     # Blender by itself, in float32: nothing hides a vertex up to a thousandth before it.
     eye = names["camera"][:3, 3]
-    reach = np.linalg.norm(names["to_vertex"], axis=1) * 0.999
-    ways = zip(names["to_vertex"], reach, strict=True)
+    to_vertex = names["vertices"] - eye
+    reach = np.linalg.norm(to_vertex, axis=1) * 0.999
+    ways = zip(to_vertex, reach, strict=True)
     hidden = [scene.ray_cast(depsgraph, eye, way, distance=end)[0] for way, end in ways]
     assert not (visible & hidden).any()

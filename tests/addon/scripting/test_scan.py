@@ -120,7 +120,7 @@ def test_spheres_of_points_are_shown_to_renders(room: Any) -> None:
     assert len(shown[0].points) == 16
     assert all(abs(point.radius - 0.25) < 1e-6 for point in shown[0].points)
     assert len(shown[0].attributes["distance"].data) == 16
-    bpy.data.node_groups[0].interface.clear()  # a group of the same name that is another
+    bpy.data.node_groups[0].nodes.clear()  # a group of the same name that is another
     assert (
         scan(find_depsgraph(), (0, 0, 0), columns=8, rows=2, radius=0.25).modifiers[0].node_group.name
         == "Scan Points.001"
