@@ -21,8 +21,8 @@ from .results import RayCastResult
 from .selection import make_selection
 
 FULL_TURN = 2 * np.pi
-# A turn that is full but for the rounding of degrees to radians, or to float32.
-NEARLY_FULL = FULL_TURN * (1 - 2.0**-20)
+# Angles of a turn may be off by what rounds from degrees to radians and to float32, sixteen roundings at most.
+ANGLE_ROUNDING = 16 * 2.0**-24
 # The scanner's axes, forward, left and up, as columns in the axes of a camera, which looks along -Z with Y up, and of
 # other objects, which scan around Z, from Y on.
 CAMERA_AXES = np.array([(0, -1, 0), (0, 0, 1), (-1, 0, 0)], dtype=np.float64)
@@ -49,7 +49,11 @@ class ScanPattern:
                 raise ValueError(f"{name}: expected a whole number of at least 1, got {getattr(self, name)!r}")
         for name, most in (("horizontal", FULL_TURN), ("vertical", np.pi)):
             angles = np.asarray(getattr(self, name), dtype=np.float64)
-            if angles.shape != (2,) or not np.isfinite(angles).all() or abs(angles[1] - angles[0]) > most * (1 + 1e-6):
+            if (
+                angles.shape != (2,)
+                or not np.isfinite(angles).all()
+                or abs(angles[1] - angles[0]) > most * (1 + ANGLE_ROUNDING)
+            ):
                 raise ValueError(
                     f"{name}: expected two angles in radians at most {most:.4g} apart, got {getattr(self, name)!r}"
                 )
@@ -57,7 +61,7 @@ class ScanPattern:
     def make_directions(self) -> Floats:
         """Return unit directions (rows * columns, 3), forward, left and up: (cos e cos a, cos e sin a, sin e)."""
         first, last = self.horizontal
-        is_full = abs(last - first) >= NEARLY_FULL
+        is_full = abs(last - first) >= FULL_TURN * (1 - ANGLE_ROUNDING)
         azimuth = np.linspace(first, last, self.columns, endpoint=not is_full)
         elevation = np.linspace(*self.vertical, self.rows)[:, np.newaxis]
         flat = np.cos(elevation)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -84,11 +85,12 @@ def test_meshes_without_the_attribute_have_nan(quads: Any) -> None:
 
 
 def test_triangles_that_are_left_out_do_not_shift_corners(empty_scene: Any) -> None:
-    """The first polygon has a vertex that is not finite, and no triangle."""
+    """The first polygon's vertices are not finite, so that it has no triangle."""
     mesh = make_quad(copies=2)
     layer = mesh.uv_layers.new(name="Map")
     layer.uv.foreach_set("vector", np.repeat(np.arange(8.0), 2))
-    mesh.vertices[0].co.x = np.inf
+    for vertex in mesh.vertices[:4]:
+        vertex.co.x = np.inf
     link("Broken", mesh)
     cast = ray_cast(find_depsgraph(), (-1, -1, 3), DOWN)
     assert cast.index.tolist() == [1]
@@ -208,3 +210,14 @@ def test_a_view_layer_that_is_gone_is_told(quads: Any) -> None:
     bpy.context.scene.view_layers.remove(layer)
     with pytest.raises(ValueError, match="depsgraph: the view layer 'Other' that was cast into is gone"):
         cast.attribute("Map")
+
+
+def test_the_depsgraph_of_a_render_has_to_be_given(quads: Any) -> None:
+    cast = ray_cast(find_depsgraph(), (0.25, 0.5, 3), DOWN)
+    view = (*cast.places.view[:2], "RENDER", cast.places.view[3])
+    rendered = replace(cast, places=replace(cast.places, view=view))
+    with pytest.raises(
+        ValueError, match="depsgraph: expected the one that was cast into, which is a render's, got None"
+    ):
+        rendered.attribute("Map")
+    np.testing.assert_allclose(rendered.attribute("Map", find_depsgraph()), [(0.25, 0.5)], atol=1e-15)
