@@ -89,8 +89,9 @@ def test_triangles_that_are_left_out_do_not_shift_corners(empty_scene: Any) -> N
     mesh = make_quad(copies=2)
     layer = mesh.uv_layers.new(name="Map")
     layer.uv.foreach_set("vector", np.repeat(np.arange(8.0), 2))
-    for vertex in mesh.vertices[:4]:
-        vertex.co.x = np.inf
+    positions = np.array([vertex.co for vertex in mesh.vertices], dtype=np.float32)
+    positions[:4, 0] = np.nan
+    mesh.attributes["position"].data.foreach_set("vector", positions.ravel())
     link("Broken", mesh)
     cast = ray_cast(find_depsgraph(), (-1, -1, 3), DOWN)
     assert cast.index.tolist() == [1]
