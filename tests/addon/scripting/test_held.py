@@ -64,6 +64,18 @@ def test_only_what_changed_is_read_again(empty_scene):
     assert third.shapes[other.session_uid, 0] is not first.shapes[other.session_uid, 0]
 
 
+def test_of_many_objects_only_the_one_that_moves_is_built_again(empty_scene):
+    things = [link(f"Quad {k}", make_quad(0.4), (k - 4, k / 3 - 1, 0)) for k in range(8)]
+    assert kept().casters.moving is None
+    frames = []
+    for z in (0.5, 1.0, 1.5):
+        things[2].location.z = z
+        frames.append(kept().casters)
+    stills = {id(casters.moving._still) for casters in frames}
+    assert len(stills) == 1
+    assert all(casters._whole is None for casters in frames)
+
+
 def change_topology(thing):
     """Divide the same square, of the same vertices, otherwise."""
     corners = [tuple(vertex.co) for vertex in thing.data.vertices]
