@@ -1,7 +1,8 @@
 """Write a file whole or not at all: into a new one beside it, checked and on the disk, which then takes its place.
 
 A full disk, an error or a killed process leaves what was there before as it was. `os.replace` is one step for whoever
-looks at the path, on POSIX and on Windows, within one file system; so the new file stands in the same folder.
+looks at the path, on POSIX and on Windows, within one file system; so the new file stands in the same folder. One that
+a killed process left there is removed by the next who writes into the folder (`unfinished`).
 """
 
 from __future__ import annotations
@@ -9,13 +10,11 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import secrets
 import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-# The new file is named apart from its target, whose name may have no room for more letters.
-PREFIX = ".writing-"
+from raytracer.files.unfinished import PREFIX, NewFile, sweep_unfinished
 
 
 @contextlib.contextmanager
@@ -32,16 +31,17 @@ def replace_file(path: str | Path, check: Callable[[Path], None] | None = None) 
         If `check` does, naming `path`.
     """
     target = find_target(path)
+    sweep_unfinished(target.parent)
     with name_in_errors(path):
-        new = create_beside(target)
+        new = NewFile(target)
     try:
         with name_in_errors(path):
-            yield new
+            yield new.path
             if check is not None:
-                check_whole(new, path, check)
+                check_whole(new.path, path, check)
             move_over(new, target)
     finally:
-        new.unlink(missing_ok=True)
+        new.remove()
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
@@ -59,7 +59,7 @@ def check_replaceable(path: str | Path) -> None:
     """Raise OSError naming `path` where nothing could be written to it, and leave no trace."""
     target = find_target(path)
     with name_in_errors(path):
-        create_beside(target).unlink()
+        NewFile(target).remove()
 
 
 def find_target(path: str | Path) -> Path:
@@ -80,13 +80,6 @@ def find_target(path: str | Path) -> Path:
     return target
 
 
-def create_beside(target: Path) -> Path:
-    """Return a new, empty file beside `target`, with the permissions that a file made by `open` has."""
-    new = target.with_name(f"{PREFIX}{secrets.token_hex(6)}{target.suffix}")
-    new.touch(exist_ok=False)
-    return new
-
-
 def check_whole(new: Path, path: str | Path, check: Callable[[Path], None]) -> None:
     """Check what was written; the sentence names `path`."""
     try:
@@ -95,13 +88,13 @@ def check_whole(new: Path, path: str | Path, check: Callable[[Path], None]) -> N
         raise ValueError(f"{path}: not written: {error}") from None
 
 
-def move_over(new: Path, target: Path) -> None:
+def move_over(new: NewFile, target: Path) -> None:
     """Let a new file, once it is on the disk, take the place of `target` and the permissions of what stood there."""
-    with new.open("r+b") as written:
+    with new.path.open("r+b") as written:
         os.fsync(written.fileno())
     if target.exists():
-        new.chmod(stat.S_IMODE(target.stat().st_mode))
-    os.replace(new, target)
+        new.path.chmod(stat.S_IMODE(target.stat().st_mode))
+    new.move(target)
 
 
 @contextlib.contextmanager

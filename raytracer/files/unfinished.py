@@ -1,0 +1,75 @@
+"""Files that are being written, and who still writes them.
+
+The writer holds its file open and locked until it stands in its place: both end with the process, however it ends. So
+an unfinished file that nobody holds is one that a killed process left. On POSIX a lock tells; on Windows an open file
+cannot be removed, and none is while it is new, as it must not be open while it is moved.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import secrets
+import sys
+import time
+from pathlib import Path
+from typing import IO
+
+# An unfinished file is named apart from its target, whose name may have no room for more letters.
+PREFIX = ".writing-"
+NAME = re.compile(re.escape(PREFIX) + r"[0-9a-f]{12}(\..*)?", re.DOTALL)
+# Seconds after its last write in which a file is left alone on Windows: many times what moving it takes.
+NEW_SECONDS = 10.0
+
+
+class NewFile:
+    """An empty file beside `target`, at `path`, with its suffix and the permissions that a file made by `open` has."""
+
+    def __init__(self, target: Path) -> None:
+        while True:
+            self.path = target.with_name(f"{PREFIX}{secrets.token_hex(6)}{target.suffix}")
+            self._owner = open(self.path, "xb")  # noqa: SIM115 (open as long as the file is being written)
+            with contextlib.suppress(OSError):  # where there are no locks, nothing is swept
+                _lock(self._owner)
+            if self.path.exists():
+                return
+            self._owner.close()  # somebody swept it before it was locked
+
+    def move(self, target: Path) -> None:
+        """Let the file take the place of `target`."""
+        if sys.platform == "win32":
+            self._owner.close()
+        os.replace(self.path, target)
+        self._owner.close()
+
+    def remove(self) -> None:
+        """Remove the file, unless it has been moved."""
+        self._owner.close()
+        self.path.unlink(missing_ok=True)
+
+
+def sweep_unfinished(folder: Path) -> None:
+    """Remove the unfinished files in a folder whose processes are gone; what cannot be looked at stays."""
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for name in [entry.name for entry in entries if NAME.fullmatch(entry.name)]:
+            with contextlib.suppress(OSError):
+                _remove_abandoned(folder / name)
+
+
+def _remove_abandoned(path: Path) -> None:
+    if sys.platform == "win32":
+        if time.time() - path.stat().st_mtime > NEW_SECONDS:
+            path.unlink()
+        return
+    with path.open("rb") as file:
+        _lock(file)
+        path.unlink()
+
+
+def _lock(file: IO[bytes]) -> None:
+    """Lock a file until it is closed; BlockingIOError where somebody holds it, OSError where files have no locks."""
+    if sys.platform != "win32":
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
