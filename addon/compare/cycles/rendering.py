@@ -6,10 +6,9 @@ that is put back afterwards.
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,12 +17,15 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.processes.folders import OwnedFolder
+
 from ...passes import PASSES, enable_passes
 from ...properties import BOUNCE_LIMITS, ENGINE, TAMING
 from ...versions import blender_pass_name, read_image_format, set_image_format
 from .exr import read_exr
 
 CYCLES = "CYCLES"
+FOLDER_PREFIX = "raytracer_passes_"
 Image = NDArray[np.float32]
 
 # Cycles' largest limit.
@@ -214,8 +216,8 @@ def render_batches(scene: Any, view_layer: Any, engine: str, request: Request) -
     scene.render.engine = engine
     seeds = scene.cycles if engine == CYCLES else scene.reference_raytracer
     batches, seconds = [], 0.0
-    with tempfile.TemporaryDirectory(prefix="compare_") as folder:
-        path = Path(folder) / "passes.exr"
+    with closing(OwnedFolder(FOLDER_PREFIX)) as folder:
+        path = folder.path / "passes.exr"
         with exr_output(scene, path):
             for batch in range(request.batches):
                 seeds.seed = request.seed + batch
