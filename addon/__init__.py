@@ -5,9 +5,8 @@ modules in, and so does the first use of `ray_cast`, `scan` and the like. Inside
 Blender installs it under a name of its own.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+# As in `typing`, which takes longer to import than all that happens before `python -m addon` minds Ctrl-C.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from .scripting.queries import closest_point, inside, visible
     from .scripting.ray_cast import ray_cast, ray_cast_layers
@@ -45,9 +44,11 @@ FUNCTIONS = {
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Bring in what scripts call, and with it NumPy and the ray tracer, when it is first asked for."""
     if name in FUNCTIONS:
+        from importlib import import_module
+
         return getattr(import_module(f".scripting.{FUNCTIONS[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

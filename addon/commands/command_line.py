@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
-from . import interrupts
+from .. import interrupts
 
 # A command's module offers add_arguments(parser) and run(arguments); its first line of documentation is its help.
 COMMANDS = {"render": ".render", "compare": ".compare", "bench": ".bench"}
@@ -59,13 +59,14 @@ def build_parser(program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS))
 
 def main(argv: Sequence[str] | None = None, program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS)) -> int:
     """Run one command of `names`; return the exit code, 0 only on success."""
-    arguments = build_parser(program, names).parse_args(argv)
-    silence_blender()
     try:
         with interrupts.listen():
+            arguments = build_parser(program, names).parse_args(argv)
+            silence_blender()
+            interrupts.tell_through(sys.stderr.fileno())
             arguments.run(arguments)
     except KeyboardInterrupt:
-        return _print_error("interrupted")
+        return _print_error("interrupted", interrupts.EXIT_CODE)
     except OSError as error:
         return _print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     except CommandError as error:

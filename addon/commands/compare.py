@@ -8,7 +8,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-from . import interrupts
 from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
 from .render import parse_positive, parse_size
 
@@ -78,7 +77,6 @@ def run(arguments: argparse.Namespace) -> None:
     compare = run_cycles if arguments.other == "cycles" else run_ray_cast
     with hide_python_output():
         numbers = compare(bpy, arguments)
-    interrupts.check()  # what Blender's callbacks have swallowed
     if arguments.json:
         print(json.dumps(numbers), flush=True)
     else:

@@ -17,7 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from . import interrupts
+from .. import interrupts
 from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
 
 SUFFIXES = (".png", ".exr")
@@ -218,7 +218,7 @@ def render_frame(bpy: Any, scene: Any, path: Path) -> Any:
 def show_progress(label: str) -> Iterator[None]:
     """Show a progress bar on standard error while rendering: on a terminal, where tqdm is installed.
 
-    Where the engine tells how far it is, it is Python that runs, so there a Ctrl-C that has been noted ends the render.
+    A Ctrl-C that was raised where nothing hands it on (Python's own callbacks) ends the render here.
     """
     from ..engine.engine import progress_listeners
 

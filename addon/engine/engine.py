@@ -17,6 +17,7 @@ import raytracer
 from raytracer.processes.python import print_traceback
 from raytracer.processes.workers import WorkerError
 
+from .. import interrupts
 from ..extract.scene import Extraction, extract_scene
 from ..extract.warnings import Warning
 from ..passes import declare_passes, enabled_passes
@@ -66,7 +67,8 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
         if self.failed or self.test_break():
             return
         try:
-            render_view_layer(self, depsgraph)
+            with interrupts.release():
+                render_view_layer(self, depsgraph)
         except KeyboardInterrupt:
             self._fail("interrupted")
         except MemoryError:

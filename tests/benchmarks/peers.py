@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from addon import interrupts
+
 # Modules that offer PEERS, name -> loader. A loader returns a Peer, or raises ImportError.
 MODULES = ("peers_ours", "peers_blender", "peers_nodes", "peers_libraries", "peers_formulas")
 
@@ -82,7 +84,8 @@ def load_peers(loaders):
     peers, skipped = [], {}
     for name, load in loaders.items():
         try:
-            peers.append(load(name))
+            with interrupts.hold():  # what others compiled is not made to be interrupted while it is loaded
+                peers.append(load(name))
         except ImportError as error:
             skipped[name] = f"not installed: {error}"
     return peers, skipped

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from raytracer.processes.folders import OwnedFolder
 
+from ... import interrupts
 from ...passes import PASSES, enable_passes
 from ...properties import BOUNCE_LIMITS, ENGINE, TAMING
 from ...versions import blender_pass_name, read_image_format, set_image_format
@@ -222,7 +223,8 @@ def render_batches(scene: Any, view_layer: Any, engine: str, request: Request) -
             for batch in range(request.batches):
                 seeds.seed = request.seed + batch
                 started = time.perf_counter()
-                bpy.ops.render.render(write_still=True, scene=scene.name)
+                with interrupts.hold():
+                    bpy.ops.render.render(write_still=True, scene=scene.name)
                 seconds += time.perf_counter() - started
                 batches.append(collect_passes(read_exr(path), view_layer.name, request.passes))
                 path.unlink()  # a render that writes nothing must not pass for the one before

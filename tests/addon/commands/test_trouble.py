@@ -1,4 +1,4 @@
-"""The command line in trouble: full disks, pictures that cannot be written, layers that are off, interrupts."""
+"""The command line in trouble: full disks, pictures that cannot be written, layers that are off."""
 
 from __future__ import annotations
 
@@ -167,35 +167,3 @@ def test_a_folder_as_the_map_of_a_comparison_is_refused_before_rendering(tmp_pat
     folder.mkdir()
     done = run_python("-m", "addon", "compare", "Makefile", "--with", "cycles", "-o", folder)
     assert_refused(done, "folder.png: is a folder")
-
-
-# Ctrl-C --------------------------------------------------------------------------------------------------------------
-
-# The command line, to which Ctrl-C comes so many seconds after it has begun.
-INTERRUPTED = """
-import contextlib, os, signal, sys, threading
-from addon.commands import command_line, interrupts
-timer = threading.Timer(float(sys.argv.pop(1)), os.kill, (os.getpid(), signal.SIGINT))
-timer.daemon = True
-listen = interrupts.listen
-@contextlib.contextmanager
-def listen_and_start():
-    with listen():
-        timer.start()
-        yield
-interrupts.listen = listen_and_start
-sys.exit(command_line.main(sys.argv[1:]))
-"""
-QUICK_DELAYS = (0.0, 0.3, 0.8, 1.5)
-MORE_DELAYS = [pytest.param(0.1 * k, marks=pytest.mark.slow) for k in range(1, 30)]
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows sends Ctrl-C to whole consoles only")
-@pytest.mark.parametrize("delay", [*QUICK_DELAYS, *MORE_DELAYS])
-def test_an_interrupt_at_any_time_ends_in_one_line(blend: Path, tmp_path: Path, delay: float) -> None:
-    out = tmp_path / "a.png"
-    out.write_bytes(b"old")
-    options = ("-o", out, "--size", "640x640", "--samples", 4096, "--workers", 1)
-    assert_refused(run_python("-c", INTERRUPTED, delay, "render", blend, *options), "error: interrupted")
-    assert out.read_bytes() == b"old"
-    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
