@@ -136,17 +136,13 @@ def count_calls(function, stage):
 # Memory --------------------------------------------------------------------------------------------------------------
 
 MEMORY_SCRIPT = """
-import json, resource, sys
+import json, sys
 import numpy as np
 import raytracer
 from tests.benchmarks.ablation import make_million, make_scene
+from tests.portable import read_memory
 def peak():
-    try:  # what getrusage counts, a process inherits from the one that started it
-        status = open("/proc/self/status").read()
-        return int(status.split("VmHWM:")[1].split()[0]) / 2**10
-    except FileNotFoundError:
-        size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return size / (2**20 if sys.platform == "darwin" else 2**10)
+    return read_memory()[1] * 1e6 / 2**20
 start = peak()
 if sys.argv[1] == "build":
     scene = make_million()

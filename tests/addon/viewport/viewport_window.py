@@ -9,8 +9,6 @@ FOLDER gets `report.json` and a screenshot of each scene; names of steps may fol
 from __future__ import annotations
 
 import json
-import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -29,6 +27,7 @@ sys.path.insert(0, str(ROOT))
 import addon  # noqa: E402
 from addon.properties import ENGINE  # noqa: E402
 from addon.viewport import pool, viewport  # noqa: E402
+from tests.portable import is_running, measure_work, read_memory  # noqa: E402
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
 CHOSEN = sys.argv[sys.argv.index("--") + 2 :]
@@ -130,14 +129,14 @@ def time_first_picture(name: str, change: Any) -> Iterator[None]:
 
 def watch_arrival(live: Any, job: int) -> Callable[[float], dict[str, float]]:
     """Look for the first report on a later job, in a thread; return what tells when it came and the work for it."""
-    worked = measure_work(live)
+    worked = measure_work(live.process_id)
     found: dict[str, float] = {}
 
     def look() -> None:
         end = time.perf_counter() + PATIENCE
         while time.perf_counter() < end and not (live.report is not None and live.report.job > job):
             time.sleep(0.002)
-        found.update(clock=time.perf_counter(), work=measure_work(live) - worked)
+        found.update(clock=time.perf_counter(), work=measure_work(live.process_id) - worked)
 
     thread = threading.Thread(target=look, daemon=True)
     thread.start()
@@ -147,12 +146,6 @@ def watch_arrival(live: Any, job: int) -> Callable[[float], dict[str, float]]:
         return {"seconds until it came": found["clock"] - started, "of the render process": found["work"]}
 
     return tell
-
-
-def measure_work(live: Any) -> float:
-    """Return the processor seconds of the render process so far."""
-    fields = Path(f"/proc/{live.process_id}/stat").read_text(encoding="utf-8").rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def show_default_scene() -> Iterator[None]:
@@ -246,7 +239,7 @@ def leave_and_return() -> Iterator[None]:
     scene.render.engine = "BLENDER_WORKBENCH"
     yield from until(lambda: not viewports())
     yield from until(lambda: not pool._waiting)
-    report["processes after change of engine"] = sum(is_alive(process) for process in before)
+    report["processes after change of engine"] = sum(is_running(process) for process in before)
     scene.render.engine = ENGINE
     yield from until_drawn("engine_again")
     path = FOLDER / "saved.blend"
@@ -256,14 +249,6 @@ def leave_and_return() -> Iterator[None]:
     yield from until(lambda: not viewports())
     set_view(areas()[0], "CAMERA")  # Blender loads no file with Rendered switched on
     yield from until_drawn("file_again")
-
-
-def is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 def redraw_often() -> Iterator[None]:
@@ -276,15 +261,10 @@ def redraw_often() -> Iterator[None]:
             data.view_distance *= 1.01 if number % 8 else 1 / 1.01
         areas()[0].tag_redraw()
         if number in (REDRAWS // 5, REDRAWS - 1):
-            memory.append(read_memory())
+            memory.append(read_memory()[0])
         yield
     report["memory after a fifth and all of the redraws, MB"] = memory
     yield from until_drawn("after_redraws")
-
-
-def read_memory() -> float:
-    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
-    return pages * resource.getpagesize() / 1e6
 
 
 def move_one_of_many() -> Iterator[None]:
