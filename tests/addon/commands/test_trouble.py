@@ -91,6 +91,28 @@ def test_a_comparison_without_room_for_its_own_files_says_so(blend: Path, tmp_pa
     assert_refused(run_python("-c", ON_A_SMALL_DISK, 100_000, "compare", blend, *options), "the picture ends too early")
 
 
+def run_into(output: Any, *arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "addon", *map(str, arguments)]
+    return subprocess.run(
+        command, cwd=ROOT, stdout=output, stderr=subprocess.PIPE, text=True, check=False, timeout=300
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_numbers_that_find_no_room_or_no_reader_are_an_error_in_one_line(blend: Path, tmp_path: Path) -> None:
+    size = ("--size", "8x8", "--samples", 8)
+    with open("/dev/full", "wb") as full:
+        for rest in (("render", blend, "-o", tmp_path / "a.png", "--json"), ("compare", blend, "--with", "cycles")):
+            done = run_into(full, *rest, *size)
+            assert (done.returncode, done.stderr) == (1, "error: standard output: No space left on device\n")
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = run_into(writer, "render", blend, "-o", tmp_path / "a.png", *size)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "error: standard output: Broken pipe\n")
+    check_picture(tmp_path / "a.png", 8, 8)
+
+
 @pytest.mark.parametrize(("suffix", "passes"), [(".png", ()), (".exr", ()), (".exr", ("--passes", "Depth,Normal"))])
 def test_pictures_cut_short_anywhere_are_refused(blend: Path, tmp_path: Path, suffix: str, passes: Any) -> None:
     out = tmp_path / "a {b} #" / f"a{suffix}"
