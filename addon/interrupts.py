@@ -2,7 +2,8 @@
 
 Blender neither passes a KeyboardInterrupt on nor survives one everywhere: one that is raised inside a callback of its
 own is printed and forgotten there, and one inside `import bpy` ends in a segmentation fault. So within `hold` the
-signal is only noted, and raised when that ends; within `release`, in a callback that hands it on, at once again.
+signal is only noted, and raised when that ends; within `release`, in a callback that hands it on, at once again. Where
+Blender goes on for long all the same (Cycles does) the process ends without it, after a little tidying up.
 
 Until `listen` begins nothing here does anything: Blender's own windows keep their Ctrl-C.
 """
@@ -12,30 +13,54 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 # How the shell names the end by Ctrl-C.
 EXIT_CODE = 128 + signal.SIGINT
 LINE = "error: interrupted\n"
+# Seconds that Blender may go on: enough for it to start and to open a file, and no long wait for who pressed the keys.
+PATIENCE_SECONDS = 3.0
 
 
 class _State:
     depth = 0
     is_noted = False
     errors = -1  # where LINE goes
+    tidiers: tuple[Callable[[], object], ...] = ()
 
 
 def _note(number: int, frame: FrameType | None) -> None:
     """Take the signal: later inside `hold`, at once outside of it; a second one that has to wait ends the process."""
     if _State.depth and _State.is_noted:
-        with contextlib.suppress(OSError):
-            os.write(_State.errors, LINE.encode())
-        os._exit(EXIT_CODE)
+        _end_abruptly()
     _State.is_noted = True
     if not _State.depth:
         raise KeyboardInterrupt
+
+
+def _watch(wakes: socket.socket) -> None:
+    """End the process where Ctrl-C has waited too long; a byte comes with each signal, even while Blender runs.
+
+    Runs in a thread, which Blender lets go on wherever it gives Python's lock away.
+    """
+    with wakes:
+        while numbers := wakes.recv(16):
+            if signal.SIGINT in numbers and _State.depth:
+                threading.Event().wait(PATIENCE_SECONDS)
+                if _State.depth:
+                    _end_abruptly()
+
+
+def _end_abruptly() -> None:
+    for tidy in _State.tidiers:
+        with contextlib.suppress(Exception):
+            tidy()
+    with contextlib.suppress(OSError):
+        os.write(_State.errors, LINE.encode())
+    os._exit(EXIT_CODE)
 
 
 @contextlib.contextmanager
@@ -46,16 +71,33 @@ def listen() -> Iterator[None]:
         return
     _State.is_noted = False
     before = signal.signal(signal.SIGINT, _note)
+    wakes, rings = socket.socketpair()
+    rings.setblocking(False)
+    number = signal.set_wakeup_fd(rings.fileno(), warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(wakes,), name="interrupts", daemon=True).start()
     try:
         yield
     finally:
+        signal.set_wakeup_fd(number)
+        rings.close()  # which ends the thread
         _State.is_noted = False
         signal.signal(signal.SIGINT, before)
 
 
 def tell_through(descriptor: int) -> None:
-    """Name the file descriptor that an end in the middle of something is told through."""
+    """Name the file descriptor that an abrupt end is told through."""
     _State.errors = descriptor
+
+
+@contextlib.contextmanager
+def tidying(tidy: Callable[[], object]) -> Iterator[None]:
+    """Have `tidy` called if the process is ended abruptly inside the block: no `finally` of its own would be."""
+    before = _State.tidiers
+    _State.tidiers = (tidy, *before)
+    try:
+        yield
+    finally:
+        _State.tidiers = before
 
 
 @contextlib.contextmanager

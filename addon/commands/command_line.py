@@ -9,6 +9,7 @@ import argparse
 import contextlib
 import io
 import os
+import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from importlib import import_module
@@ -60,7 +61,7 @@ def build_parser(program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS))
 def main(argv: Sequence[str] | None = None, program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS)) -> int:
     """Run one command of `names`; return the exit code, 0 only on success."""
     try:
-        with interrupts.listen():
+        with interrupts.listen(), interrupts.tidying(remove_blender_files):
             arguments = build_parser(program, names).parse_args(argv)
             silence_blender()
             interrupts.tell_through(sys.stderr.fileno())
@@ -154,6 +155,12 @@ def open_blend(path: str) -> Any:
         except RuntimeError as error:
             raise CommandError(f"{path}: {first_line(str(error))}") from None
     return bpy
+
+
+def remove_blender_files() -> None:
+    """Remove Blender's own temporary files, where it cannot do so itself any more."""
+    if "bpy" in sys.modules:
+        shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)
 
 
 def check_blend(file: Path) -> None:

@@ -203,7 +203,8 @@ def render_frame(bpy: Any, scene: Any, path: Path) -> Any:
     with replace_file(path, lambda picture: check_picture(picture, width, height)) as picture:
         scene.render.filepath = escape_path(str(picture))
         scene.render.use_file_extension = False
-        with interrupts.hold(), show_progress(path.name), hide_python_output():
+        tidying = interrupts.tidying(lambda: picture.unlink(missing_ok=True))
+        with tidying, interrupts.hold(), show_progress(path.name), hide_python_output():
             try:
                 bpy.ops.render.render(write_still=True, scene=scene.name)
             except RuntimeError as error:

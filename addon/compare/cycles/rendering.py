@@ -217,7 +217,7 @@ def render_batches(scene: Any, view_layer: Any, engine: str, request: Request) -
     scene.render.engine = engine
     seeds = scene.cycles if engine == CYCLES else scene.reference_raytracer
     batches, seconds = [], 0.0
-    with closing(OwnedFolder(FOLDER_PREFIX)) as folder:
+    with closing(OwnedFolder(FOLDER_PREFIX)) as folder, interrupts.tidying(folder.close):
         path = folder.path / "passes.exr"
         with exr_output(scene, path):
             for batch in range(request.batches):

@@ -163,6 +163,23 @@ def test_a_second_interrupt_ends_what_cannot_be_interrupted_with_the_same_line()
     assert_interrupted(run_python("-c", code))
 
 
+# Ctrl-C comes while compiled code runs that never looks at it, as Cycles is: a hash that would take a minute.
+DEAF = """
+import hashlib, os, signal, threading
+from addon import interrupts
+interrupts.tell_through(2)
+with interrupts.listen(), interrupts.tidying(lambda: print("tidy", flush=True)), interrupts.hold():
+    with interrupts.tidying(lambda: 1 / 0):
+        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+        hashlib.pbkdf2_hmac("sha256", b"", b"", 10**8)
+"""
+
+
+def test_an_interrupt_that_nothing_looks_at_ends_the_process_which_tidies_up() -> None:
+    done = run_python("-c", DEAF)
+    assert (done.returncode, done.stdout, done.stderr) == (interrupts.EXIT_CODE, "tidy\n", interrupts.LINE)
+
+
 def test_an_interrupt_waits_in_hold_and_not_in_release() -> None:
     code = (
         "import os, signal; from addon import interrupts\n"
