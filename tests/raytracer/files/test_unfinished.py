@@ -19,12 +19,12 @@ from tests.folders import ROOT
 from tests.portable import kill
 
 WRITE = """
-import sys, time
+import sys
 from raytracer.files.replacing import replace_file
 with replace_file(sys.argv[1]) as new:
     new.write_bytes(b"half")
     print(new.name, flush=True)
-    time.sleep(60)
+    sys.stdin.read()
 """
 
 
@@ -32,7 +32,7 @@ with replace_file(sys.argv[1]) as new:
 def writer(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     """Yield a process that is writing `killed.bin`, and its unfinished file."""
     command = [sys.executable, "-c", WRITE, str(tmp_path / "killed.bin")]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         path = tmp_path / process.stdout.readline().decode().strip()
         yield process, path
