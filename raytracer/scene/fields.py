@@ -36,7 +36,7 @@ def set_array(record: Any, name: str, dtype: type, shape: Sequence[int | str], l
 def set_light(record: Any, name: str, label: str) -> NDArray[Any]:
     """Replace a field by a linear RGB triple; a single number stands for grey, and what is below 0 takes light away."""
     value = getattr(record, name)
-    set_field(record, name, np.full(3, value, dtype=np.float64) if np.ndim(value) == 0 else value)
+    set_field(record, name, np.full(3, value) if np.ndim(value) == 0 else value)
     array = set_array(record, name, np.float64, (3,), label)
     require_range(array, -LARGEST, LARGEST, f"{label}: {name}")
     return array

@@ -119,6 +119,8 @@ def load(path: str | Path) -> Scene:
     [1.0]
     """
     try:
+        if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):
+            raise OSError(errno.EINVAL, "not a file")  # a pipe or a device, whose end may never come
         with open(path, "rb") as stream, zipfile.ZipFile(stream) as archive:
             return read_scene(Archive(archive, os.fstat(stream.fileno()).st_size))
     except OSError as error:

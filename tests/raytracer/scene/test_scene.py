@@ -269,6 +269,12 @@ def test_float32_positions_keep_their_values_and_their_vertices():
     np.testing.assert_array_equal(Mesh(positions, [(0, 1, 2)]).positions, positions.astype(np.float64), strict=True)
 
 
+@pytest.mark.parametrize("power", [{}, {"a": 1}, object(), 1j, ..., "1", [1j] * 3])
+def test_a_color_that_is_no_number_is_a_value_error_that_names_it(power):
+    with pytest.raises(ValueError, match=r"PointLight 'P': power: expected an array \(3,\) float64, got "):
+        PointLight((0, 0, 0), power, name="P")
+
+
 def test_a_number_stands_for_grey_and_one_group_of_spheres_for_a_list():
     np.testing.assert_array_equal(World(0.5).color, (0.5, 0.5, 0.5))
     scene = Scene(spheres=Spheres([(0, 0, 0)], [1]))

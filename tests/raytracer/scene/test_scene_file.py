@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import io
+import os
 import tracemalloc
 import zipfile
 from pathlib import Path
@@ -155,3 +156,13 @@ def test_files_of_numpy_with_arrays_in_either_order_are_read(tmp_path: Path, who
     for mesh, same in zip(raytracer.load(path).meshes, raytracer.load(other).meshes, strict=True):
         np.testing.assert_array_equal(mesh.positions, same.positions)
         np.testing.assert_array_equal(mesh.triangles, same.triangles)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_or_a_device_is_no_scene_and_is_not_waited_for(tmp_path):
+    pipe = tmp_path / "pipe.npz"
+    os.mkfifo(pipe)
+    for path in (pipe, "/dev/zero"):
+        with pytest.raises(OSError, match="not a file") as caught:
+            raytracer.load(path)
+        assert caught.value.filename == str(path)
