@@ -164,7 +164,7 @@ def make_full_scene():
         (lambda: World((1, 2)), r"World: color: expected shape \(3,\) float64, got \(2,\)"),
         (
             lambda: Camera(np.eye(4), projection="fisheye"),
-            r"Camera: projection: expected one of perspective, orthographic, got 'fisheye'",
+            r"Camera: projection: expected one of perspective, orthographic, panorama, got 'fisheye'",
         ),
         (
             lambda: Camera(np.eye(4), clip_start=2, clip_end=1),
