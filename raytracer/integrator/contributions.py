@@ -27,8 +27,8 @@ from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import power_heuristic
 from raytracer.scene.fields import SEEN_BY_ALL
 from raytracer.scene.lights import Light
+from raytracer.shading.light_path import FARTHEST, LightPath, put_further
 from raytracer.shading.occlusion import Probe
-from raytracer.shading.site import FARTHEST, LightPath, put_further
 from raytracer.surfaces.surface import Surface
 
 # Cycles' default: Normal, UV, Depth and so on belong to the first surface at least this opaque.

@@ -52,8 +52,8 @@ from raytracer.lights.emitters import pick_emitters
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.scene import Scene
+from raytracer.shading.light_path import Depths
 from raytracer.shading.materials import find_transparency, make_shading
-from raytracer.shading.site import Depths
 from raytracer.surfaces.surface import Surface, make_surface
 
 # A tree has so many rays at most, and none that counts less in the picture: more, the eye could not tell apart.

@@ -56,7 +56,7 @@ from raytracer.lights.shared_points import is_near, is_shareable, sample_shared,
 from raytracer.sampling.sampler import Sampler
 from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.lights import Light
-from raytracer.shading.site import FARTHEST, Depths, LightPath, describe_reflected, describe_sampling, put_further
+from raytracer.shading.light_path import FARTHEST, Depths, LightPath, describe_reflected, describe_sampling, put_further
 from raytracer.surfaces.surface import Surface
 from raytracer.surfaces.terminator import Lift
 

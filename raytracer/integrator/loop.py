@@ -37,8 +37,8 @@ from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
 from raytracer.sampling.sampler import Sampler, share_samples
 from raytracer.sampling.sobol import SobolSamples
+from raytracer.shading.light_path import Depths
 from raytracer.shading.materials import make_shading
-from raytracer.shading.site import Depths
 from raytracer.surfaces.surface import make_surface
 
 # Paths shaded together; casts take whole waves.

@@ -21,8 +21,8 @@ from raytracer.casting.rays import Rays, join_rays
 from raytracer.integrator.light_sources import ALONE
 from raytracer.lecture import length
 from raytracer.scene.fields import SEEN_BY
+from raytracer.shading.light_path import Depths, LightPath, describe_reflected, describe_shadow_rays
 from raytracer.shading.materials import MaterialTable, find_transparency
-from raytracer.shading.site import Depths, LightPath, describe_reflected, describe_shadow_rays
 from raytracer.surfaces.surface import make_surface
 from raytracer.surfaces.surface_tables import SurfaceTables
 

@@ -26,7 +26,7 @@ from raytracer.lights.light_shapes import (
     sample_sphere_directions,
     sphere_density,
 )
-from raytracer.shading.site import Depths, LightPath, describe_sampling
+from raytracer.shading.light_path import Depths, LightPath, describe_sampling
 from raytracer.surfaces.surface import Surface, make_surface
 from raytracer.surfaces.surface_tables import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate
 

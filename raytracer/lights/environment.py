@@ -42,7 +42,8 @@ from raytracer.scene.programs import Image, Program, Register
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Spheres
 from raytracer.shading.evaluate import evaluate, find_needed, list_attributes, list_steps, reads_place
-from raytracer.shading.site import LightPath, Site
+from raytracer.shading.light_path import LightPath
+from raytracer.shading.site import Site
 from raytracer.shading.site_tables import SiteTables, make_site_tables
 from raytracer.surfaces.surface import imagine_surface
 from raytracer.surfaces.surface_tables import make_surface_tables

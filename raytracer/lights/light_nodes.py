@@ -28,7 +28,8 @@ from raytracer.scene.lights import AreaLight, Light, LightNodes, PointLight, Spo
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Mesh
 from raytracer.shading.evaluate import evaluate, find_needed, list_attributes
-from raytracer.shading.site import FARTHEST, LightPath, Site
+from raytracer.shading.light_path import FARTHEST, LightPath
+from raytracer.shading.site import Site
 from raytracer.shading.site_tables import SiteTables, make_site_tables
 from raytracer.surfaces.surface import imagine_surface
 from raytracer.surfaces.surface_tables import make_surface_tables

@@ -32,7 +32,7 @@ from raytracer.shading.computed import (
     compute_columns,
     make_computed_materials,
 )
-from raytracer.shading.site import LightPath, describe_shadow_rays
+from raytracer.shading.light_path import LightPath, describe_shadow_rays
 from raytracer.shading.site_tables import SiteTables
 from raytracer.surfaces.surface import Surface
 

@@ -15,8 +15,9 @@ import numpy as np
 from raytracer.arrays.vectors import normalize, reflect
 from raytracer.bsdfs.fresnel import dielectric_reflectance
 from raytracer.lecture import dot, length
+from raytracer.shading.light_path import FARTHEST
 from raytracer.shading.nodes.operation import Array, Operation, divide, spread
-from raytracer.shading.site import FARTHEST, Site
+from raytracer.shading.site import Site
 
 SMALLEST_IOR = 1e-5  # as in Cycles
 

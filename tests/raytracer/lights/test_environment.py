@@ -24,7 +24,7 @@ from raytracer.sampling.direction_map import (
 )
 from raytracer.scene.lights import World
 from raytracer.scene.programs import Image, Program, Register, Step
-from raytracer.shading.site import LightPath
+from raytracer.shading.light_path import LightPath
 
 FRAME = (4, 3)
 UP = np.array([0.0, 0.0, 1.0])

@@ -15,7 +15,7 @@ from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.lights import LightNodes
 from raytracer.scene.programs import Program, Register, Step
 from raytracer.scene.shapes import Instances
-from raytracer.shading.site import LightPath
+from raytracer.shading.light_path import LightPath
 from tests.forbidding import forbid
 from tests.raytracer.integrator.test_interreflection import GREYS, assert_mean, look_around
 
