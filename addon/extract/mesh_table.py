@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import raytracer
 
@@ -51,7 +50,7 @@ class MeshTable:
 
     def __init__(self, with_uvs: bool, warnings: WarningList, kept: Kept | None = None) -> None:
         self.records: list[raytracer.Mesh] = []
-        self.polygons: list[NDArray[np.int32]] = []
+        self.geometries: list[Geometry] = []
         self.entries: dict[MeshKey, MeshEntry] = {}
         self._by_pointer: dict[int, MeshEntry] = {}
         self._indices: dict[int, int] = {}
@@ -95,7 +94,7 @@ class MeshTable:
         if id(record) not in self._indices:
             self._indices[id(record)] = len(self.records)
             self.records.append(record)
-            self.polygons.append(entry.geometry.polygons)
+            self.geometries.append(entry.geometry)
         return self._indices[id(record)]
 
     def _make_key(self, source: Any) -> MeshKey:

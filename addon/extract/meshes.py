@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,11 @@ class Geometry:
     slots: NDArray[np.int32] | None
     used_slots: tuple[int, ...]
     kept: NDArray[np.bool_] | None = None
+
+    @cached_property
+    def extent(self) -> NDArray[np.float64]:
+        """(3,) metres along the axes of object space."""
+        return np.ptp(self.mesh.positions, axis=0)
 
 
 @contextmanager

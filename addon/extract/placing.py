@@ -12,6 +12,7 @@ import raytracer
 from raytracer.scene.lights import Light
 
 from .custom_properties import Color
+from .instance_order import Shapes, Traits, order_instances
 from .instances import ObjectEntry, ObjectKey, Placements
 from .lights import extract_light
 from .linking import make_link_sets
@@ -33,12 +34,17 @@ class Placed:
 
 
 def place_parts(
-    placements: Placements, warnings: WarningList, images: ImageTable | None = None, with_info: bool = False
+    placements: Placements,
+    warnings: WarningList,
+    images: ImageTable | None = None,
+    with_info: bool = False,
+    shapes: Shapes | None = None,
 ) -> Placed:
     """Return instances, spheres and lights in world space; those with a matrix that is not finite are left out.
 
     images : those of the scene, for the nodes of lights; None where there are none
     with_info : True where a material reads the random number or the color of its object
+    shapes : by which mesh instances are numbered; None leaves them in Blender's order, that of `Scene.ray_cast`
     """
     matrices = np.array(placements.world_from_object).reshape(-1, 4, 4)  # (i, 4, 4)
     matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)  # as Cycles: a parent's inverse matrix may hold anything there
@@ -59,6 +65,8 @@ def place_parts(
             sphere_objects.append(part.object)
         elif (light := extract_light(part, matrices[row], placements.random[row], warnings, images)) is not None:
             lights.append(replace(light, receivers=links[index].receivers))
+    if shapes is not None and len(meshes) > 1:
+        meshes = _sort_rows(placements, meshes, matrices, shapes)
     parts = [placements.parts[placements.part[row]] for row in meshes]
     instances = raytracer.Instances(
         mesh=np.array([part.mesh for part in parts], dtype=np.int32),
@@ -77,6 +85,18 @@ def place_parts(
     )
     objects = (*(part.object for part in parts), *sphere_objects)
     return Placed(instances, tuple(spheres), tuple(lights), objects)
+
+
+def _sort_rows(placements: Placements, rows: list[int], matrices: NDArray[np.float64], shapes: Shapes) -> list[int]:
+    """Return the rows of mesh instances in the order of their numbers."""
+    traits = Traits(
+        part=np.array(placements.part)[rows],
+        names=[part.object.name for part in placements.parts],
+        meshes=np.array([-1 if part.mesh is None else part.mesh for part in placements.parts]),
+        world_from_object=matrices[rows],
+        random=np.array(placements.random)[rows],
+    )
+    return np.asarray(rows)[order_instances(traits, shapes)].tolist()
 
 
 def _gather_properties(found: list[dict[str, Color]]) -> dict[str, NDArray[np.float64]]:

@@ -14,6 +14,7 @@ import raytracer
 from .. import versions
 from .camera import extract_camera
 from .custom_properties import read_layer_of
+from .instance_order import Shapes
 from .instances import Context, ObjectKey, walk_instances, warn_missing
 from .kept import Kept
 from .mesh_table import MeshTable
@@ -82,7 +83,11 @@ def _extract_scene(
     context = Context(view_layer, meshes, materials, warnings, space, last)
     placements = walk_instances(depsgraph, context)
     images = materials.images if materials else None
-    placed = place_parts(placements, warnings, images, materials is not None and materials.read_object_info)
+    with_info, shapes = materials is not None and materials.read_object_info, None
+    if materials is not None:
+        extents = np.array([geometry.extent for geometry in meshes.geometries]).reshape(-1, 3)
+        shapes = Shapes(meshes.records, extents, materials.records)
+    placed = place_parts(placements, warnings, images, with_info, shapes)
     world = None
     if view_layer.use_sky and not geometry_only:
         world = extract_world(versions.find_world(scene, view_layer), warnings, images)
@@ -98,4 +103,5 @@ def _extract_scene(
         camera=camera,
         name=scene.name,
     )
-    return Extraction(record, placed.objects, tuple(meshes.polygons), warnings.records)
+    polygons = tuple(geometry.polygons for geometry in meshes.geometries)
+    return Extraction(record, placed.objects, polygons, warnings.records)

@@ -10,9 +10,12 @@ picture must not depend on which was made first. Their order along a ray is that
 
 So light that comes down through a glass leaves it before it meets the table, and what the table sends back enters the
 glass. Seen from the other side the order of the first three is reversed, as it must be for light to go both ways; what
-nothing passes stays last: it is met from either side, and what lies upon it is met before. Among glass on glass and
-sheets on sheets, that of the lower instance comes first from its front, last from its back; the sheets of one object at
-one place are one. Of surfaces that nothing passes the lowest (instance, primitive) is met, as ever.
+nothing passes stays last: it is met from either side, and what lies upon it is met before.
+
+Within a class the numbers of instances decide, and Blender's are those of `addon.extract.instance_order`: smaller ones
+first. Glass comes in from the last number to the first and goes out from the first to the last, so that the smaller is
+inside the larger; of sheets the lower comes first from its front, last from its back, and those of one object at one
+place are one; of surfaces that nothing passes the lowest (instance, primitive) is met, a label and not its bottle.
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ from raytracer.lecture import dot
 from raytracer.surfaces.layers import MEDIUM, OPAQUE
 from raytracer.surfaces.surface_tables import SurfaceTables, measure_triangles
 
-# Added to the number of an instance of glass and the like: larger than all numbers of instances.
-BOUNDARY = 1 << 32
+# The key of the first instance of glass and the like; those of the others, before it, are beyond all sheets' keys.
+BOUNDARY = 1 << 33
 # The key of a surface that nothing passes, for the rays that leave it: all that lies upon it comes after.
 LEFT_BEHIND = np.iinfo(np.int64).min
 
@@ -26,7 +26,8 @@ def find_layers(tables: SurfaceTables, instance: Integers, primitive: Integers) 
     assert tables.layers is not None
     material = tables.material[tables.material_first[instance] + tables.material_step[instance] * primitive]
     kind = tables.layers.kind[material]
-    layer = 1 + instance.astype(np.int64) + np.where(kind == MEDIUM, BOUNDARY, 0)
+    number = instance.astype(np.int64)
+    layer = np.where(kind == MEDIUM, BOUNDARY - number, 1 + number)
     stopping = STOPPING * (1 + tables.layers.stage[instance]) + join_id(tables.geometry, instance, primitive)
     return np.where(kind == OPAQUE, stopping, layer)
 

@@ -199,3 +199,17 @@ def test_light_of_one_object_passes_its_sheets_at_one_place_once():
     scene = make_scene([square(-1, 9), square(0.0, 0.7)], ["glow", "tinted"], (0, 1), STRAIGHT, lights=(), world=None)
     picture = look(scene, STRAIGHT, slant=0.0)
     np.testing.assert_allclose(picture[:, 1], 1.0, rtol=1e-12)
+
+
+def test_of_glass_in_glass_the_lower_instance_is_inside():
+    """Two cubes whose bottoms lie on a table: as if that of the first were a hair higher."""
+    names = ["water", "glass", "red"]
+    apart = [cube(HAIR, 0.4, 0.3), cube(0.0, 0.8, 0.5), square(-HAIR, 9)]
+    together = [cube(0.0, 0.4, 0.3), cube(0.0, 0.8, 0.5), square(0.0, 9)]
+    expected = look(make_scene(apart, names, (0, 1, 2), STRAIGHT), STRAIGHT)
+    for order in ((0, 1, 2), (0, 2, 1), (2, 0, 1)):
+        picture = look(make_scene(together, names, order, STRAIGHT), STRAIGHT)
+        different = np.abs(picture - expected).max(axis=1) > 1e-4 * (1 + np.abs(expected).max(axis=1))
+        assert different[EDGES:].mean() < 0.01
+    reverse = look(make_scene(together, names, (1, 0, 2), STRAIGHT), STRAIGHT)
+    assert (np.abs(reverse - expected).max(axis=1) > 1e-4)[EDGES:].mean() > 0.1
