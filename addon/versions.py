@@ -167,6 +167,13 @@ def find_rgb_from_xyz(version: tuple[int, ...] = VERSION) -> NDArray[np.float64]
     return np.array(RGB_FROM_XYZ[version >= (5, 0)])
 
 
+def read_world_bounces(world: Any) -> int | None:
+    """Return the bounces after which a world is not sampled as a light, or None without limit, or if it never is; the
+    setting is Cycles' own."""
+    never = getattr(getattr(world, "cycles", None), "sampling_method", "AUTOMATIC") == "NONE"
+    return None if never else read_light_bounces(world)
+
+
 def read_light_bounces(light: Any) -> int | None:
     """Return the bounces after which a light lights nothing, or None without limit; the setting is Cycles' own."""
     settings = getattr(light, "cycles", None)

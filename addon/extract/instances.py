@@ -19,10 +19,12 @@ from .. import versions
 from .custom_properties import Color
 from .instance_properties import InstanceReader
 from .kept import Kept
+from .light_nodes import NO_NODES, LightFactor, read_light_nodes
 from .linking import Linked, read_linking
 from .mesh_table import MeshEntry, MeshTable
 from .meshes import Points, extract_points, open_mesh
 from .shaders.materials import MaterialTable
+from .shaders.nodes import WarningContext
 from .warnings import Warning, WarningList
 
 # Blender's random numbers of instances and of names are whole, 0 to this.
@@ -56,8 +58,9 @@ class ObjectEntry:
     """What all instances of one object, instancer and data share: a mesh, or points with their material, or a light.
 
     terminator : Blender's offsets of the shadow terminator, of geometry and of shading
+    light_factor : of a light, what its nodes make of it
     random : Blender's number for the object, 0 to 1, where it is no instance
-    properties : names of those that its materials read of instances
+    properties : names of those that its materials, or the nodes of a light, read of instances
     """
 
     object: ObjectKey
@@ -70,6 +73,7 @@ class ObjectEntry:
     points: Points | None = None
     material: int = 0
     light: Any = None
+    light_factor: LightFactor = NO_NODES
     random: float = 0.0
     terminator: tuple[float, float] = (0.0, 0.0)
     properties: frozenset[str] = frozenset()
@@ -294,11 +298,15 @@ def make_light_part(shown: Any, source: Any, context: Context) -> ObjectEntry | 
     seen_by = sum(SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name))
     if not seen_by & ~SEEN_BY["shadow"]:
         return None
+    place = WarningContext(context.warnings, object=source.name_full)
+    factor = read_light_nodes(shown.data, place, context.materials.images)
     return ObjectEntry(
         object=ObjectKey(source.name_full, source.original.session_uid),
         pass_index=shown.pass_index,
         color=tuple(shown.color),
         light=shown.data,
+        light_factor=factor,
+        properties=factor.properties,
         seen_by=seen_by,
         shadow_catcher=shown.is_shadow_catcher,
         random=hash_name(source.name),

@@ -8,6 +8,7 @@ stretches area lights and spot cones but no radius; without `normalize` the powe
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,23 +16,27 @@ from numpy.typing import NDArray
 
 import raytracer
 from raytracer.scene.lights import Light, LightNodes
-from raytracer.scene.programs import Program, Register, Value
+from raytracer.scene.programs import Register
 
 from .. import versions
 from .instances import ObjectEntry
-from .shaders.images import ImageTable
-from .shaders.materials import list_properties, read_shine
 from .shaders.nodes import Color, WarningContext
-from .shaders.programs import ProgramBuilder
 from .warnings import WarningList
 
 Matrix = NDArray[np.float64]
 
 
 def extract_light(
-    part: ObjectEntry, world_from_light: Matrix, random: float, warnings: WarningList, images: ImageTable
+    part: ObjectEntry,
+    world_from_light: Matrix,
+    random: float,
+    warnings: WarningList,
+    properties: Mapping[str, Color] | None = None,
 ) -> Light | None:
-    """Return one light placed by a (4, 4) matrix, or None where it emits nothing; random : the instance's number."""
+    """Return one light placed by a (4, 4) matrix, or None where it emits nothing.
+
+    random, properties : the instance's number, and what its nodes read of it by name
+    """
     light, place = part.light, WarningContext(warnings, object=part.object.name)
     if light.type == "AREA" and versions.is_portal(light):
         return None  # a portal guides Cycles' sampling of the world and adds no light
@@ -44,31 +49,23 @@ def extract_light(
         "shadow_catcher": part.shadow_catcher,
         "max_bounces": versions.read_light_bounces(light),
     }
-    builder = ProgramBuilder(place, images)
-    factor = read_light_nodes(light, builder)
-    if isinstance(factor, Register):
-        if list_properties(Program(builder.steps)):
-            place.warn("attributes of objects and instancers are not supported in a light's nodes, 0 is used")
+    factor = part.light_factor
+    if factor.program is not None and isinstance(factor.value, Register):
         placed = raytracer.Instances(
-            [0], world_from_light[np.newaxis], pass_index=[part.pass_index], random=[random], color=[part.color]
+            [0],
+            world_from_light[np.newaxis],
+            pass_index=[part.pass_index],
+            random=[random],
+            color=[part.color],
+            properties={name: value[np.newaxis] for name, value in (properties or {}).items()},
         )
-        common["nodes"] = LightNodes(factor, Program(builder.steps), placed)
+        common["nodes"] = LightNodes(factor.value, factor.program, placed)
     else:
-        power = power * factor
+        power = power * factor.value
     if not power.any():
         return None
     make = {"POINT": make_point, "SPOT": make_spot, "SUN": make_sun, "AREA": make_area}[light.type]
     return make(light, world_from_light, power, settings.normalize, common, place)
-
-
-def read_light_nodes(light: Any, builder: ProgramBuilder) -> Value:
-    """Return the factor that a light's own nodes put on its power: a color, or the register that holds it."""
-    node_tree = versions.find_node_tree(light)
-    output = versions.find_output_node(node_tree) if node_tree is not None else None
-    if output is None:
-        return np.ones(3) if node_tree is None else np.zeros(3)
-    shine = read_shine(output.inputs["Surface"], builder)
-    return np.zeros(3) if shine is None else shine
 
 
 def read_angle(angle: float) -> float:

@@ -16,7 +16,6 @@ from .instance_order import Shapes, Traits, order_instances
 from .instances import ObjectEntry, ObjectKey, Placements
 from .lights import extract_light
 from .linking import make_link_sets
-from .shaders.images import ImageTable
 from .warnings import WarningList
 
 # Rounding that a product of float32 matrices may leave between axes of equal length: a few parts in 2^24.
@@ -36,20 +35,18 @@ class Placed:
 def place_parts(
     placements: Placements,
     warnings: WarningList,
-    images: ImageTable | None = None,
     with_info: bool = False,
     shapes: Shapes | None = None,
 ) -> Placed:
     """Return instances, spheres and lights in world space; those with a matrix that is not finite are left out.
 
-    images : those of the scene, for the nodes of lights; None where there are none
     with_info : True where a material reads the random number or the color of its object
     shapes : by which mesh instances are numbered; None leaves them in Blender's order, that of `Scene.ray_cast`
     """
     matrices = np.array(placements.world_from_object).reshape(-1, 4, 4)  # (i, 4, 4)
     matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)  # as Cycles: a parent's inverse matrix may hold anything there
     finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
-    links, images = make_link_sets(placements.links, warnings), images or ImageTable()
+    links = make_link_sets(placements.links, warnings)
     meshes: list[int] = []
     spheres, lights, sphere_objects = [], [], []
     for row, index in enumerate(placements.part):
@@ -63,7 +60,7 @@ def place_parts(
             group = place_points(part, matrices[row], warnings)
             spheres.append(replace(group, properties=placements.properties[row], **info, **vars(links[index])))
             sphere_objects.append(part.object)
-        elif (light := extract_light(part, matrices[row], placements.random[row], warnings, images)) is not None:
+        elif (light := _place_light(placements, row, matrices[row], warnings)) is not None:
             lights.append(replace(light, receivers=links[index].receivers))
     if shapes is not None and len(meshes) > 1:
         meshes = _sort_rows(placements, meshes, matrices, shapes)
@@ -85,6 +82,11 @@ def place_parts(
     )
     objects = (*(part.object for part in parts), *sphere_objects)
     return Placed(instances, tuple(spheres), tuple(lights), objects)
+
+
+def _place_light(placements: Placements, row: int, matrix: NDArray[np.float64], warnings: WarningList) -> Light | None:
+    part, properties = placements.parts[placements.part[row]], placements.properties[row]
+    return extract_light(part, matrix, placements.random[row], warnings, properties)
 
 
 def _sort_rows(placements: Placements, rows: list[int], matrices: NDArray[np.float64], shapes: Shapes) -> list[int]:

@@ -87,7 +87,7 @@ def _extract_scene(
     if materials is not None:
         extents = np.array([geometry.extent for geometry in meshes.geometries]).reshape(-1, 3)
         shapes = Shapes(meshes.records, extents, materials.records)
-    placed = place_parts(placements, warnings, images, with_info, shapes)
+    placed = place_parts(placements, warnings, with_info, shapes)
     world = None
     if view_layer.use_sky and not geometry_only:
         world = extract_world(versions.find_world(scene, view_layer), warnings, images)

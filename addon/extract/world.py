@@ -39,7 +39,7 @@ def extract_world(world: Any, warnings: WarningList, images: ImageTable | None =
         return None
     seen_by = find_world_visibility(world)
     if isinstance(shine, Register):
-        return raytracer.World(shine, Program(builder.steps), seen_by)
+        return raytracer.World(shine, Program(builder.steps), seen_by, versions.read_world_bounces(world))
     return raytracer.World(shine, seen_by=seen_by)
 
 

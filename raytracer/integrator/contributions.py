@@ -23,6 +23,7 @@ from raytracer.lights.environment import Environment, environment_density, evalu
 from raytracer.lights.light_nodes import ComputedLight, find_factor
 from raytracer.lights.light_shapes import LightHits
 from raytracer.lights.lights import evaluate_light
+from raytracer.sampling.direction_map import map_density
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import power_heuristic
 from raytracer.scene.fields import SEEN_BY_ALL
@@ -52,6 +53,10 @@ def see_background(integrator: Integrator, background: Environment, paths: Paths
     """Return what the world adds to paths (k, 3) that see it, in the share that light sampling leaves to them."""
     directions = paths.rays.directions
     sampled = environment_density(background, paths.scatter_normal, directions)
+    if background.max_bounces is not None and background.grid is not None:
+        # Cycles' share of those that come from where the world is no light: it samples by the map alone.
+        unlit = np.flatnonzero(sum_columns(paths.bounces) > background.max_bounces + 1)
+        sampled[unlit] = map_density(background.grid, directions[unlit])
     share = power_heuristic(paths.density, sampled)[:, np.newaxis]
     path = put_further(describe_rays(paths, FARTHEST)) if background.program is not None else None
     radiance = evaluate_environment(background, directions, path)

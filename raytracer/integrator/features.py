@@ -43,7 +43,7 @@ class Features:
     light_path : a program of a material asks how the ray came
     occlusion : a program casts rays
     light_nodes : a light has nodes that vary
-    light_bounces : a light asks how many bounces led to what it lights, for a limit or for its nodes
+    light_bounces : a light or the world asks how many bounces led to what it lights, for a limit or for its nodes
     """
 
     smooth_normals: bool
@@ -148,5 +148,6 @@ def derive_features(scene: Scene) -> Features:
         light_path=any(reads_light_path(material.program) for material in scene.materials),
         occlusion=any(casts_rays(material.program) for material in scene.materials),
         light_nodes=any(light.nodes is not None for light in scene.lights),
-        light_bounces=any(map(_counts_bounces, scene.lights)),
+        light_bounces=any(map(_counts_bounces, scene.lights))
+        or (scene.world is not None and scene.world.max_bounces is not None),
     )

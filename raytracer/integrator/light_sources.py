@@ -268,10 +268,15 @@ def make_world_sources(environment: Environment, tells_rays_apart: bool) -> list
     tells_rays_apart : True where objects are hidden from some of the rays that look for it, or ask how they came
     """
     if not environment.is_even:
-        return [
-            SampledWorld(environment=environment, sampler=sampler, kind=WORLD, seen_by=environment.seen_by)
-            for sampler in list_world_samplers(environment)
-        ]
+        first, *others = list_world_samplers(environment)
+        source = SampledWorld(
+            environment=environment,
+            sampler=first,
+            kind=WORLD,
+            seen_by=environment.seen_by,
+            max_bounces=environment.max_bounces,
+        )
+        return [source, *(replace(source, sampler=sampler) for sampler in others)]
     (sampler,) = list_world_samplers(environment)
     whole = SampledWorld(environment=environment, sampler=sampler, kind=OTHER, unstopped=True)
     hidden = SEEN_BY_ALL - environment.seen_by

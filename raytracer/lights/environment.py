@@ -64,7 +64,7 @@ class Environment:
     program, needed, tables : of `evaluate.evaluate`, None, () and None for a constant world
     grid : the map that samples follow; None where the world is constant, or even
     is_even : True where it is the same in all directions, though its program may ask how the ray came
-    seen_by : as of World
+    seen_by, max_bounces : as of World
     """
 
     color: Floats | Register
@@ -74,6 +74,7 @@ class Environment:
     grid: DirectionMap | None = None
     is_even: bool = True
     seen_by: int = SEEN_BY_ALL
+    max_bounces: int | None = None
 
 
 def make_environment(world: World, camera: Camera | None, resolution: tuple[int, int]) -> Environment:
@@ -84,7 +85,9 @@ def make_environment(world: World, camera: Camera | None, resolution: tuple[int,
     needed = find_needed(program, [world.color])
     tables, even = _make_tables(program, camera, resolution), not reads_place(program, needed)
     environment = Environment(world.color, program, needed, tables, is_even=even, seen_by=world.seen_by)
-    return environment if even else replace(environment, grid=_make_map(environment))
+    if even:
+        return environment
+    return replace(environment, grid=_make_map(environment), max_bounces=world.max_bounces)
 
 
 def _make_tables(program: Program, camera: Camera | None, resolution: tuple[int, int]) -> SiteTables:

@@ -202,15 +202,21 @@ class World:
     color : linear RGB, or a Register of `program`
     program : Program, evaluated over directions, or None where the color is constant
     seen_by : bits of SEEN_BY, the classes of rays that see it, which are the ways in which surfaces reflect its light
+    max_bounces : it is not sampled as a light where a path has bounced more often; None without limit. As in Cycles,
+        what is reflected there goes on to see it, in the share that sampling would have left it (all of it in mirrors),
+        and an even world has no limit
     """
 
     color: Any = 0.0
     program: Program | None = None
     seen_by: int = SEEN_BY_ALL
+    max_bounces: int | None = None
 
     def __post_init__(self) -> None:
         check_program(self.program, "World: program")
         set_seen_by(self, "World")
+        if self.max_bounces is not None:
+            set_count(self, "max_bounces", "World")
         if isinstance(self.color, Register):
             check_register(self.color, self.program, "World: color")
         else:

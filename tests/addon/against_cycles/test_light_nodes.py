@@ -95,6 +95,32 @@ def test_lights_that_are_seen_show_what_their_nodes_say(kind: str, node: str) ->
     assert_pictures_agree(scene, samples=32, max_bounces=1)
 
 
+def read_property(kind: str) -> Callable[[Any], Any]:
+    def read_tint(tree: Any) -> Any:
+        node = tree.nodes.new("ShaderNodeAttribute")
+        node.attribute_type, node.attribute_name = kind, "tint"
+        return node.outputs["Color"]
+
+    return read_tint
+
+
+@pytest.mark.parametrize("kind", ["OBJECT", "INSTANCER"])
+def test_properties_of_objects_and_instancers_color_their_lights(kind: str) -> None:
+    scene = make_stage()
+    lamp = add_lamp(*LAMPS["point"])
+    lamp["tint"] = (0.2, 0.5, 0.9)
+    set_nodes(lamp.data, read_property(kind))
+    collection = bpy.data.collections.new("Lamps")
+    scene.collection.objects.unlink(lamp)
+    collection.objects.link(lamp)
+    for place, tint in enumerate(((0.9, 0.1, 0.1), (0.1, 0.2, 0.9))):
+        instancer = bpy.data.objects.new("Instancer", None)
+        instancer.instance_type, instancer.instance_collection = "COLLECTION", collection
+        instancer.location, instancer["tint"] = (place, 0, 0), tint
+        scene.collection.objects.link(instancer)
+    assert_pictures_agree(scene, samples=16, max_bounces=0)
+
+
 @pytest.mark.parametrize("limit", [0, 1])
 def test_limits_of_bounces_agree(limit: int) -> None:
     """A second light, without a limit, goes on lighting what the first does not."""

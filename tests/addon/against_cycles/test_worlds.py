@@ -150,6 +150,32 @@ def test_a_world_hidden_from_the_camera_agrees():
     assert_pictures_agree(scene)
 
 
+@pytest.mark.parametrize(("sampling", "lost"), [("AUTOMATIC", 0.015), ("NONE", -0.001)])
+def test_a_world_s_limit_of_bounces_agrees(sampling, lost):
+    """Without samples of its own Cycles' world has no limit; with them, a quarter of what that takes away is left open,
+    for reflected rays still see the world in a share that depends on the map which samples follow."""
+    scene = make_stage()
+    wall = building.make_plane("Wall", 8, 3)
+    building.link_object(
+        "Wall",
+        wall,
+        (0, 1.5, 1.0),
+        rotation=(90, 0, 0),
+        materials=[building.make_shader("W", "Diffuse", (0.8, 0.8, 0.8))],
+    )
+    world = set_world(lambda tree: add_background(tree, add_picture(tree, sun=1.0).outputs["Color"]))
+    world.cycles.sampling_method = sampling
+    request = Request(*SIZE, SAMPLES, 4, 2, cycles_factor=CYCLES_FACTOR, integrator="PATH")
+    whole, (ours, cycles) = 0.0, (0.0, 0.0)
+    for limit in (1024, 0):
+        world.cycles.max_bounces = limit
+        sides = render_both(scene, bpy.context.view_layer, request)
+        ours, cycles = (side.passes["Combined"][..., :3].mean() for side in sides)
+        whole = whole or cycles
+    assert cycles < whole * (1 - lost)
+    assert abs(ours - cycles) < 0.25 * max(whole - cycles, 0.015 * whole)
+
+
 def list_sky_types():
     """Skies that are clear, of this Blender."""
     return [kind for kind in SKY_TYPES if kind in bpy.types.ShaderNodeTexSky.bl_rna.properties["sky_type"].enum_items]

@@ -202,6 +202,23 @@ def test_nodes_that_vary_become_a_program_that_knows_the_object(add_light: Calla
     assert 0.0 < placed.random[0] < 1.0
 
 
+@pytest.mark.parametrize(("kind", "name"), [("OBJECT", "tint"), ("INSTANCER", "tint"), ("OBJECT", "nothing")])
+def test_nodes_of_a_light_know_the_properties_of_its_object(
+    add_light: Callable[..., Any], kind: str, name: str
+) -> None:
+    shown = add_light("POINT", energy=2)
+    shown["tint"] = (0.25, 0.5, 0.75)
+    tree, emission = find_nodes(shown.data)
+    attribute = tree.nodes.new("ShaderNodeAttribute")
+    attribute.attribute_type, attribute.attribute_name = kind, name
+    tree.links.new(attribute.outputs["Color"], emission.inputs["Color"])
+    extraction = extract()
+    (light,) = extraction.scene.lights
+    assert not extraction.warnings
+    ((_, values),) = light.nodes.placed.properties.items()
+    assert_allclose(values, [(0.25, 0.5, 0.75, 1) if name == "tint" else (0, 0, 0, 0)])
+
+
 def test_shaders_of_a_light_that_do_not_shine_give_nothing(add_light: Callable[..., Any]) -> None:
     _, emission = find_nodes(add_light("POINT", energy=2).data)
     emission.mute = True
