@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import re
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
-from .render import parse_positive, parse_size
+from .render import make_bar, parse_positive, parse_size
 
 DEFAULT_SIZE = (192, 108)
 DEFAULT_SAMPLES = {"cycles": 64, "ray_cast": 4096}
@@ -74,9 +77,12 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.to and arguments.other != "cycles":
         raise CommandError("--to: only a comparison with cycles takes samples")
     bpy = open_blend(arguments.file)
-    compare = run_cycles if arguments.other == "cycles" else run_ray_cast
-    with hide_python_output():
-        numbers = compare(bpy, arguments)
+    if arguments.other == "cycles":
+        with show_renders(bpy, arguments.json) as on_look, hide_python_output():
+            numbers = run_cycles(bpy, arguments, on_look)
+    else:
+        with hide_python_output():
+            numbers = run_ray_cast(bpy, arguments)
     if arguments.json:
         print(json.dumps(numbers), flush=True)
     else:
@@ -104,8 +110,40 @@ def check_picture(arguments: argparse.Namespace) -> None:
     check_replaceable_picture(path)
 
 
-def run_cycles(bpy: Any, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Compare pictures with Cycles, and write them if asked; return the numbers."""
+@contextlib.contextmanager
+def show_renders(bpy: Any, as_json: bool) -> Iterator[Callable[[str, int], None]]:
+    """Show on standard error how far a comparison is: on a terminal a progress bar of the renders.
+
+    Gives a function that says why samples are added, to people alone: on a terminal, and where no JSON is asked for.
+    """
+    from ..compare.cycles.comparison import FIRST_RENDERS
+
+    stream, bar = sys.stderr, make_bar("compare", FIRST_RENDERS)
+    speaks = stream.isatty() or not as_json
+
+    def count(*_: Any) -> None:
+        if bar is not None:
+            bar.update(1)
+
+    def on_look(text: str, renders: int) -> None:
+        if bar is not None:
+            bar.total += renders
+        if speaks:
+            (print if bar is None else bar.write)(text, file=stream)
+
+    bpy.app.handlers.render_complete.append(count)
+    try:
+        with contextlib.nullcontext() if bar is None else bar:
+            yield on_look
+    finally:
+        bpy.app.handlers.render_complete.remove(count)
+
+
+def run_cycles(bpy: Any, arguments: argparse.Namespace, on_look: Callable[[str, int], None]) -> dict[str, Any]:
+    """Compare pictures with Cycles, and write them if asked; return the numbers.
+
+    on_look : of `compare_until`
+    """
     from ..compare.cycles.comparison import compare_until, compare_with_cycles
 
     scene, view_layer = bpy.context.scene, bpy.context.view_layer
@@ -113,7 +151,8 @@ def run_cycles(bpy: Any, arguments: argparse.Namespace) -> dict[str, Any]:
     try:
         if arguments.to:
             comparison = compare_until(
-                scene, view_layer, width, height, arguments.to, samples, arguments.samples or MOST_SAMPLES
+                *(scene, view_layer, width, height, arguments.to, samples, arguments.samples or MOST_SAMPLES),
+                on_look=on_look,
             )
         else:
             comparison = compare_with_cycles(scene, view_layer, width, height, arguments.samples or samples)

@@ -238,14 +238,14 @@ def show_progress(label: str) -> Iterator[None]:
         yield
 
 
-def make_bar(label: str) -> Any:
-    """Return a progress bar of tqdm, or None where it is not installed."""
+def make_bar(label: str, total: float = 1.0) -> Any:
+    """Return a progress bar of tqdm up to `total`, or None where it is not installed."""
     try:
         from tqdm import tqdm
     except ImportError:
         return None
     layout = "{desc}: {percentage:3.0f}%|{bar}| {elapsed} < {remaining}"
-    return tqdm(total=1.0, desc=label, file=sys.stderr, disable=None, bar_format=layout)
+    return tqdm(total=total, desc=label, file=sys.stderr, disable=None, bar_format=layout)
 
 
 def print_result(path: Path, taken: Any, as_json: bool) -> None:

@@ -70,7 +70,7 @@ def compare_pictures(
     import bpy
 
     module = import_module(f"{job['package']}.compare.cycles.comparison")
-    total = 2 * (module.BATCHES + module.CENTRE_BATCHES)
+    total = module.FIRST_RENDERS
     done = 0
 
     def count(*_: Any) -> None:

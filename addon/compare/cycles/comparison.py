@@ -7,6 +7,7 @@ where both engines should see the same point.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +24,7 @@ from ..verdicts import UNDECIDED
 from . import metrics, verdict
 from .flip import flip, mean_flip
 from .rendering import Rendering, Request, render_both
-from .sequential import LOOK_SIGNIFICANCE, LOOKS, join_renderings, plan_batches
+from .sequential import LOOK_SIGNIFICANCE, LOOKS, Plan, join_renderings, plan_batches
 
 # Passes that hold one value per surface point, and those that hold one whole number.
 POINT_PASSES = ("Depth", "Position", "Normal", "UV", "Diffuse Color", "Emission")
@@ -34,6 +35,8 @@ CENTRE_BATCHES = 8
 # Points of a surface count as the same if they are no farther apart than this share of a pixel.
 SAME_POINT = 0.01
 BATCHES = 8
+# Renders of a first look, of both engines: of the picture, and of the passes.
+FIRST_RENDERS = 2 * (BATCHES + CENTRE_BATCHES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +142,14 @@ def compare_with_cycles(
 
 
 def compare_until(
-    scene: Any, view_layer: Any, width: int, height: int, to: float, first: int, most: int
+    scene: Any,
+    view_layer: Any,
+    width: int,
+    height: int,
+    to: float,
+    first: int,
+    most: int,
+    on_look: Callable[[str, int], None] | None = None,
 ) -> CyclesComparison:
     """Compare a scene with samples enough to find a difference.
 
@@ -148,6 +158,7 @@ def compare_until(
     scene, view_layer : as in `compare_with_cycles`
     to : the difference that shall be found, share of the level
     first, most : samples per pixel to begin with, and at which this gives up: the verdict is then undecided
+    on_look : called before samples are added with what the last look said, in words, and with how many renders follow
     """
     comparison = compare_with_cycles(scene, view_layer, width, height, min(first, most))
     comparison = replace(comparison, to=to, significance=LOOK_SIGNIFICANCE)
@@ -157,6 +168,8 @@ def compare_until(
         plan = plan_batches(comparison.samples, comparison.batches, shortage, most)
         if comparison.decide()[0] != UNDECIDED or plan is None:
             break
+        if on_look is not None:
+            on_look(describe_look(comparison, plan), 2 * plan.batches)
         picture = request_picture(scene, width, height, plan.samples, plan.batches)
         more = render_both(scene, view_layer, replace(picture, seed=seed))
         seed += plan.batches
@@ -164,6 +177,16 @@ def compare_until(
         ours, cycles = (join_renderings(*pair, plan.merged) for pair in zip(sides, more, strict=True))
         comparison = replace(comparison, samples=plan.samples, ours=ours, cycles=cycles)
     return comparison
+
+
+def describe_look(comparison: CyclesComparison, plan: Plan) -> str:
+    """Return in words how large a difference a comparison hides, and what is added to it."""
+    largest = max(comparison.judgement.tile.detectable, comparison.judgement.picture.detectable)
+    return (
+        f"{comparison.samples * comparison.batches} samples: noise would hide differences up to "
+        f"{verdict.show_share(largest)}; {plan.samples * plan.batches} more are taken to find "
+        f"{verdict.show_share(comparison.to)}"
+    )
 
 
 def request_picture(scene: Any, width: int, height: int, samples: int, batches: int) -> Request:

@@ -1,6 +1,7 @@
 """`python -m addon compare` as a user runs it: its JSON, its picture, its errors."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -75,6 +76,17 @@ def test_too_few_samples_decide_nothing_and_more_of_them_are_taken_until_they_do
     assert (more.returncode, more.stderr, numbers["verdict"]) == (0, "", "agrees")
     assert max(numbers["tile_detectable"], numbers["picture_detectable"]) <= numbers["to"] == 0.005
     assert numbers["samples"] > 8
+
+
+def test_people_are_told_why_samples_are_added(tmp_path):
+    file = save_hair(tmp_path / "plane.blend", 0)
+    done = run_compare(file, "--with", "cycles", "--size", "32x18", "--to", "0.5%")
+    looks = done.stderr.splitlines()
+    assert done.returncode == 0
+    assert looks
+    assert all(re.fullmatch(r"\d+ samples: noise would hide .* more are taken to find 0.5%", look) for look in looks)
+    assert looks[0].startswith("64 samples")
+    assert "verdict                  agrees" in done.stdout
 
 
 def test_what_is_missing_differs_at_any_number_of_samples(tmp_path):
