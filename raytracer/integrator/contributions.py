@@ -98,8 +98,8 @@ def vary_seen(computed: ComputedLight, paths: Paths, seen: LightHits, passed: Bo
     paths, distance = paths.select(rows), seen.distance[rows]
     unit = length(paths.rays.directions)
     told = describe_rays(paths, (np.minimum(distance, FARTHEST) - paths.travelled) / unit).values
-    depth = {"depth": sum_columns(paths.bounces) + 1.0}
-    path = LightPath({name: told[name] for name in ("length", "travelled")} | depth)
+    known = {name: told[name] for name in ("length", "travelled")}
+    path = put_further(LightPath(known | {name: values for name, values in told.items() if name.endswith("depth")}))
     directions = paths.rays.directions / unit[:, np.newaxis]
     radiance = np.zeros(seen.radiance.shape)
     radiance[rows] = seen.radiance[rows] * find_factor(computed, paths.scatter_origin, directions, distance, path)

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
-from raytracer.scene.lights import Light, World
+from raytracer.scene.lights import World
 from raytracer.scene.materials import Closure
 from raytracer.scene.programs import Register
 from raytracer.scene.scene import Scene
-from raytracer.shading.evaluate import casts_rays, list_steps, reads_light_path
+from raytracer.shading.evaluate import casts_rays, reads_light_path
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
 SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
@@ -43,7 +43,7 @@ class Features:
     light_path : a program of a material asks how the ray came
     occlusion : a program casts rays
     light_nodes : a light has nodes that vary
-    light_bounces : a light or the world asks how many bounces led to what it lights, for a limit or for its nodes
+    light_bounces : a light or the world has a limit of bounces
     """
 
     smooth_normals: bool
@@ -118,11 +118,6 @@ def _is_any(scene: Scene, name: str) -> bool:
     return placed or any(getattr(group, name) for group in scene.spheres)
 
 
-def _counts_bounces(light: Light) -> bool:
-    steps = () if light.nodes is None else list_steps(light.nodes.program)
-    return light.max_bounces is not None or any(step.operation == "LIGHT_PATH Ray Depth" for step in steps)
-
-
 def derive_features(scene: Scene) -> Features:
     """Return the Features of `scene`."""
     closures = [closure for material in scene.materials for closure in material.closures]
@@ -148,6 +143,5 @@ def derive_features(scene: Scene) -> Features:
         light_path=any(reads_light_path(material.program) for material in scene.materials),
         occlusion=any(casts_rays(material.program) for material in scene.materials),
         light_nodes=any(light.nodes is not None for light in scene.lights),
-        light_bounces=any(map(_counts_bounces, scene.lights))
-        or (scene.world is not None and scene.world.max_bounces is not None),
+        light_bounces=any(light.max_bounces is not None for light in (*scene.lights, *filter(None, [scene.world]))),
     )

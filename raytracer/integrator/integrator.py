@@ -38,6 +38,7 @@ from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.lights import Light
 from raytracer.scene.scene import Scene
 from raytracer.shading.computed import list_scene_attributes
+from raytracer.shading.evaluate import reads_light_path
 from raytracer.shading.materials import MaterialTable, find_radiance, make_material_table
 from raytracer.shading.occlusion import OcclusionTest, make_occlusion_test
 from raytracer.shading.site_tables import make_site_tables
@@ -232,7 +233,9 @@ def _compose(
         emission_ahead=bool(visible_lights) or emitters is not None or background is not None,
         dimensions=dimensions,
         links=links,
-        tells_paths=features.light_path or (background is not None and background.program is not None),
+        tells_paths=features.light_path
+        or (background is not None and background.program is not None)
+        or any(reads_light_path(light.nodes.program) for light in computed.values()),
         terminator=terminator,
     )
 

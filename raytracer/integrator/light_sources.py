@@ -171,7 +171,7 @@ class SampledLightWithNodes(SampledLight):
     def sample(self, points: ShadingPoints) -> KeyedSamples:
         """Return samples as of any light, each weighed."""
         found = SampledLight.sample(self, points)
-        light = vary_samples(self.computed, points.surface.position, points.bounces, found.light)
+        light = vary_samples(self.computed, points.surface.position, points.depths, found.light)
         return replace(found, light=light)
 
 

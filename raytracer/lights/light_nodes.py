@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from raytracer.arrays.types import Counts, Floats
+from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import pack_geometry
 from raytracer.lecture import dot, length
@@ -28,7 +28,7 @@ from raytracer.scene.lights import AreaLight, Light, LightNodes, PointLight, Spo
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Mesh
 from raytracer.shading.evaluate import evaluate, find_needed, list_attributes
-from raytracer.shading.light_path import FARTHEST, LightPath
+from raytracer.shading.light_path import FARTHEST, Depths, LightPath, describe_sampling
 from raytracer.shading.site import Site
 from raytracer.shading.site_tables import SiteTables, make_site_tables
 from raytracer.surfaces.surface import imagine_surface
@@ -71,18 +71,15 @@ def make_computed_light(light: Light, camera: Camera | None, frame: tuple[int, i
     return ComputedLight(light, light.nodes, find_needed(program, [light.nodes.color]), tables)
 
 
-def vary_samples(
-    computed: ComputedLight, positions: Floats, bounces: Counts | None, samples: LightSamples
-) -> LightSamples:
+def vary_samples(computed: ComputedLight, positions: Floats, depths: Depths, samples: LightSamples) -> LightSamples:
     """Return samples (n,) of a light from `positions` (n, 3), each weighed by what the nodes make of it.
 
-    bounces : (n,) those that led to the positions; None where no light asks
+    depths : how far paths have come to the positions
     """
     rows = np.flatnonzero(samples.density > 0)
     distance = samples.distance[rows]
     reach = np.minimum(distance, FARTHEST)
-    depth = {} if bounces is None else {"depth": bounces[rows] + 1.0}
-    path = LightPath({"length": reach, "travelled": reach, **depth})
+    path = LightPath({**describe_sampling(reach, depths.select(rows)).values, "travelled": reach})
     weight = np.zeros(samples.weight.shape)
     factor = find_factor(computed, positions[rows], samples.direction[rows], distance, path)
     weight[rows] = samples.weight[rows] * factor

@@ -95,6 +95,21 @@ def test_lights_that_are_seen_show_what_their_nodes_say(kind: str, node: str) ->
     assert_pictures_agree(scene, samples=32, max_bounces=1)
 
 
+@pytest.mark.parametrize("output", ["Ray Depth", "Diffuse Depth", "Glossy Depth", "Transparent Depth"])
+def test_nodes_of_a_light_know_how_far_paths_have_come(output: str) -> None:
+    """Light that has been scattered by a wall, by a glossy floor, and has passed a clear pane."""
+    scene = make_stage()
+    floor = building.make_shader("Glossy", "Glossy", (0.9, 0.9, 0.9), roughness=0.4)
+    bpy.data.objects["Plane"].data.materials[0] = floor
+    wall, pane = building.make_plane("Wall", 6, 3), building.make_plane("Pane", 2, 1)
+    building.link_object("Wall", wall, (0, 1.5, 1.0), rotation=(80, 0, 0), materials=[make_grey()])
+    clear = building.make_shader("Clear", "Transparent", (0.9, 0.9, 0.9))
+    building.link_object("Pane", pane, (-1.5, -1.5, 1.0), rotation=(60, 0, 0), materials=[clear])
+    set_nodes(add_lamp(*LAMPS["point"]).data, read("ShaderNodeLightPath", output))
+    scene.reference_raytracer.integrator = "PATH"
+    assert_pictures_agree(scene, samples=16, max_bounces=3)
+
+
 def read_property(kind: str) -> Callable[[Any], Any]:
     def read_tint(tree: Any) -> Any:
         node = tree.nodes.new("ShaderNodeAttribute")
