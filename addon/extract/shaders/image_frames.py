@@ -1,11 +1,13 @@
-"""Image sequences: which of its frames an image texture shows, and that frame's file, loaded for reading.
+"""Image sequences and movies: which frame an image texture shows, and that frame, loaded for reading.
 
 In the background Blender loads no frame of a sequence by itself: its pixels cannot be asked for. Each frame is loaded
-as an image of its own, for as long as it is read.
+as an image of its own, for as long as it is read. Of a movie `Image.pixels` gives the frame that was loaded last, and
+what loads a frame of one's choice, without a window, is a Texture that is evaluated.
 
 References
 ----------
-Blender, source/blender/blenkernel/intern/image.cc (BKE_image_user_frame_get): frames, start, offset, cyclic.
+Blender, source/blender/blenkernel/intern/image.cc (BKE_image_user_frame_get): frames, start, offset, cyclic;
+image_acquire_ibuf: without an ImageUser the last frame.
 """
 
 from __future__ import annotations
@@ -47,3 +49,16 @@ def open_frame(image: Any, path: str) -> Iterator[Any]:
         yield loaded
     finally:
         bpy.data.images.remove(loaded)
+
+
+@contextmanager
+def open_movie(image: Any, frame: int) -> Iterator[Any]:
+    """Give a copy of a movie that has one of its frames loaded, those before the first and after the last as these."""
+    copy, texture = image.original.copy(), bpy.data.textures.new("Frame", type="IMAGE")
+    try:
+        texture.image, texture.image_user.frame_current = copy, frame
+        texture.evaluate((0.0, 0.0, 0.0))
+        yield copy
+    finally:
+        bpy.data.textures.remove(texture)
+        bpy.data.images.remove(copy)

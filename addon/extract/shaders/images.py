@@ -28,13 +28,13 @@ from raytracer.textures.image import encode_srgb
 from ... import versions
 from ..kept import Kept
 from .color_spaces import find_decoder
-from .image_frames import find_path, open_frame
+from .image_frames import find_frame, find_path, open_frame, open_movie
 from .image_tiles import open_tiles
 from .nodes import WarningContext
 
 Pixels = NDArray[Any]
-# An image's `session_uid`, and the path of its frame, which is empty but for sequences.
-ImageKey = tuple[int, str]
+# An image's `session_uid`, and its frame: of sequences the path, of movies the number, else empty.
+ImageKey = tuple[int, str | int]
 
 LARGEST_BYTE = 255
 # Numbers that are converted at a time: a large image as a whole would need several times its own memory for what
@@ -49,7 +49,7 @@ LINEAR_MAGENTA = Image(MAGENTA.pixels, "linear", "missing")
 class ImageTable:
     """The scene's images, each read once, and again only if it may have changed since the last extraction.
 
-    frame : of the scene, for sequences; each frame of one is an image of its own
+    frame : of the scene, for sequences and movies; each frame of one is an image of its own
     """
 
     def __init__(self, kept: Kept | None = None, frame: int = 1) -> None:
@@ -67,15 +67,17 @@ class ImageTable:
         """
         if image is None:
             return None
-        path = ""
+        frame: str | int = ""
         if image.source == "SEQUENCE":
-            path, self.sequences = find_path(image, user, self._frame), self.sequences + 1
-        key = image.original.session_uid, path
+            frame, self.sequences = find_path(image, user, self._frame), self.sequences + 1
+        if image.source == "MOVIE":
+            frame, self.sequences = find_frame(user, self._frame), self.sequences + 1
+        key = image.original.session_uid, frame
         if key not in self._images:
             count = len(place.warnings.records)
             stays = self._kept.trusts(key[0]) or (self._kept.trusts_files and is_read_from_file(image))
             last = self._kept.images.get(key) if stays else None
-            self._images[key] = self._read(image, path, place) if last is None else last
+            self._images[key] = self._read(image, frame, place) if last is None else last
             if len(place.warnings.records) == count:
                 self.silent[key] = self._images[key]
         found = self._images[key]
@@ -86,13 +88,13 @@ class ImageTable:
             warn_of_tiles(image, found, place)
         return found
 
-    def _read(self, image: Any, path: str, place: WarningContext) -> Image | TiledImage | None:
+    def _read(self, image: Any, frame: str | int, place: WarningContext) -> Image | TiledImage | None:
         if image.source == "TILED":
             return extract_tiles(image, place)
-        if not path:
+        if frame == "":
             return extract_image(image, place)
-        with open_frame(image, path) as frame:
-            return None if frame is None else extract_image(frame, place)
+        with open_movie(image, frame) if isinstance(frame, int) else open_frame(image, frame) as shown:
+            return None if shown is None else extract_image(shown, place)
 
 
 def is_associated(image: Any) -> bool:
@@ -102,8 +104,6 @@ def is_associated(image: Any) -> bool:
 
 def extract_image(image: Any, place: WarningContext) -> Image | None:
     """Return an image's pixels, or None where they cannot be read."""
-    if image.source == "MOVIE":
-        place.warn(f"image '{image.name}': movies are not supported, only a frame that is loaded is shown")
     width, height = image.size
     count = len(image.pixels)
     if not width or not height or not count:

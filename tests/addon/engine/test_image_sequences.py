@@ -1,4 +1,4 @@
-"""Image sequences: the frame that Cycles shows, whatever start, offset, length and cycle; read once in an animation."""
+"""Image sequences and movies: the frame that Cycles shows, whatever start, offset, length and cycle; read once each."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 
 from addon.extract.shaders import images
 from addon.extract.shaders.image_frames import find_frame
+from addon.versions import VERSION, find_node_tree, set_image_format
 from tests.addon.against_cycles.node_fixtures import CELL, add_node, make_sheet, render_centres, render_cycles
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
@@ -29,6 +30,30 @@ def write_sequence(folder: Path) -> Any:
         bpy.data.images.remove(image)
     found = bpy.data.images.load(str(folder / "frame_0001.png"))
     found.colorspace_settings.name, found.source = "Non-Color", "SEQUENCE"
+    return found
+
+
+def write_movie(path: Path) -> Any:
+    """Return a movie whose frame k is green by k / COUNT, which Blender has rendered; the scene is empty afterwards."""
+    scene, world = bpy.context.scene, bpy.data.worlds.new("World")
+    if VERSION < (5, 0):
+        world.use_nodes = True
+    scene.world = world
+    color = find_node_tree(world).nodes["Background"].inputs["Color"]
+    for number in range(1, COUNT + 1):
+        color.default_value = (0.0, number / COUNT, 0.0, 1.0)
+        color.keyframe_insert("default_value", frame=number)
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.render.engine, scene.cycles.samples, scene.frame_end = "CYCLES", 1, COUNT
+    scene.render.resolution_x = scene.render.resolution_y = 32
+    set_image_format(scene.render.image_settings, "FFMPEG")
+    scene.render.ffmpeg.format, scene.render.ffmpeg.constant_rate_factor = "MPEG4", "LOSSLESS"
+    scene.render.filepath, scene.render.use_file_extension = str(path), False
+    bpy.ops.render.render(animation=True)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    found = bpy.data.images.load(str(path))
+    found.colorspace_settings.name = "Non-Color"
     return found
 
 
@@ -61,6 +86,31 @@ def test_sequences_show_the_frame_that_cycles_shows(empty_scene: Any, tmp_path: 
     count = len(bpy.data.images)
     ours, _ = render_centres(columns * CELL, rows * CELL)
     assert len(bpy.data.images) == count
+    assert_allclose(ours, render_cycles(columns * CELL, rows * CELL), atol=1e-5)
+
+
+def test_movies_show_the_frame_that_cycles_shows(empty_scene: Any, tmp_path: Path) -> None:
+    movie = write_movie(tmp_path / "movie.mp4")
+    scene = bpy.context.scene
+    columns, rows = make_sheet(scene, {name: show(movie, user) for name, user in USERS.items()})
+    seen = []
+    for frame in (1, 3, 5, 9, 2):
+        scene.frame_set(frame)
+        count = len(bpy.data.images), len(bpy.data.textures)
+        ours, warnings = render_centres(columns * CELL, rows * CELL)
+        assert (len(bpy.data.images), len(bpy.data.textures)) == count
+        assert not warnings
+        assert_allclose(ours, render_cycles(columns * CELL, rows * CELL), atol=1e-5)
+        seen.append(float(ours.max()))
+    assert len(set(seen)) > 2, "the frames differ"
+
+
+def test_a_movie_that_is_missing_is_magenta(empty_scene: Any, tmp_path: Path) -> None:
+    movie = write_movie(tmp_path / "movie.mp4")
+    movie.filepath = str(tmp_path / "gone.mp4")
+    columns, rows = make_sheet(bpy.context.scene, {"plain": show(movie, {})})
+    ours, warnings = render_centres(columns * CELL, rows * CELL)
+    assert any("is missing" in str(warning) for warning in warnings)
     assert_allclose(ours, render_cycles(columns * CELL, rows * CELL), atol=1e-5)
 
 
