@@ -93,6 +93,22 @@ def assert_pictures_agree(scene, samples, max_bounces=0, batches=12, cycles_fact
     assert metrics.share_failing_tiles(ours, cycles, summed, size=8) == 0.0
 
 
+@pytest.mark.parametrize(("users", "agrees"), [(2, True), (1, False)])
+def test_smooth_normals_of_uneven_scale_are_those_of_cycles_meshes_with_several_users(users, agrees):
+    """The inverse transpose of what is interpolated in the object: so for instances, and in Cycles' viewport.
+
+    Before a final render Cycles moves meshes with one user into the world, and makes their corners' normals unit there
+    (scene/object.cpp, apply_static_transforms; scene/mesh.cpp, apply_transform): what it interpolates is another.
+    """
+    scene = building.start_scene(*PASS_SIZE)
+    ball = building.make_sphere("Ball", 1.0, 12)
+    for place in range(users):
+        building.link_object("Ball", ball, (50 * place, 0, 0), materials=[make_grey()]).scale = (1.0, 0.3, 2.0)
+    building.add_camera((0, -6, 0), (0, 0, 0), 40)
+    share = compare_passes(scene, bpy.context.view_layer, *PASS_SIZE)["Normal"].share
+    assert share == 0.0 if agrees else share > 0.05
+
+
 LAMPS = {
     "point": ("POINT", {"shadow_soft_size": 0.0}),
     "point with size": ("POINT", {"shadow_soft_size": 0.6}),
