@@ -84,7 +84,7 @@ def _extract_scene(
     placements = walk_instances(depsgraph, context)
     images = materials.images if materials else None
     with_info, shapes = materials is not None and materials.read_object_info, None
-    if materials is not None:
+    if materials is not None and len(placements.part) > 1:
         extents = np.array([geometry.extent for geometry in meshes.geometries]).reshape(-1, 3)
         shapes = Shapes(meshes.records, extents, materials.records)
     placed = place_parts(placements, warnings, with_info, shapes)
