@@ -142,9 +142,13 @@ class Shading:
 
     def average_normal(self) -> Floats:
         """(n, 3) unit, the normals of all parts weighed by their weights: textures bend them, and lobes are tilted to
-        reflect to the surface's front."""
+        reflect to the surface's front. Where nothing has a normal of its own it is the surface's, to the last bit,
+        whatever the batch holds besides."""
         if not self.tilted and not self.lobes:
             return self.normal
+        is_bent = np.zeros(len(self.normal), dtype=np.bool_)
+        for hit in (*(part.hit for part in self.tilted), *(lobes.hit for lobes in self.lobes)):
+            is_bent[hit] = True
         total = mean_column(self.diffuse)[:, np.newaxis] * self.normal
         for part in self.tilted:
             side = -part.normal if part.transmits else part.normal
@@ -152,7 +156,8 @@ class Shading:
         for lobes in self.lobes:
             weight = mean_column(lobes.weight) / lobes.energy_scale  # Cycles keeps that factor apart
             total[lobes.hit] += weight[:, np.newaxis] * lobes.normal
-        return np.where((total != 0).any(axis=1, keepdims=True), normalize(total), self.normal)
+        is_bent &= (total != 0).any(axis=1)
+        return np.where(is_bent[:, np.newaxis], normalize(total), self.normal)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
