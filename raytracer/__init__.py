@@ -9,6 +9,9 @@ film = raytracer.render(scene, width, height, samples)
 from raytracer.casting.caster import Caster, build
 from raytracer.casting.rays import Hits, Rays
 from raytracer.film.film import Film
+from raytracer.film.film_file import load_film, save_film
+from raytracer.film.parts import cut, merge
+from raytracer.film.picture_key import VERSION
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import WorkerError, Workers
 from raytracer.rendering.render import render
@@ -21,6 +24,7 @@ from raytracer.scene.scene_file import load, save
 from raytracer.scene.shapes import Instances, Mesh, Spheres
 
 __all__ = [
+    "VERSION",
     "AreaLight",
     "Camera",
     "Caster",
@@ -47,7 +51,11 @@ __all__ = [
     "Workers",
     "World",
     "build",
+    "cut",
     "load",
+    "load_film",
+    "merge",
     "render",
     "save",
+    "save_film",
 ]

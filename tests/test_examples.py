@@ -23,12 +23,14 @@ MODULES = (
         "raytracer.scene.scene",
     ),
     *("raytracer.scene.scene_file", "raytracer.rendering.render", "raytracer.film.film"),
+    *("raytracer.film.film_file", "raytracer.film.parts", "raytracer.film.picture_key", "raytracer.scene.scene_digest"),
     "raytracer.sampling.dimensions",
 )
 PUBLIC = (
     *(raytracer.build, raytracer.Caster.closest_hit, raytracer.Caster.any_hit, raytracer.Caster.crossings),
     *(raytracer.Caster.layers, raytracer.Caster.all_hits, raytracer.Caster.inside, raytracer.Caster.closest_point),
     *(raytracer.Mesh, raytracer.Scene, raytracer.render, raytracer.Film, raytracer.save, raytracer.load),
+    *(raytracer.save_film, raytracer.cut, raytracer.merge),
 )
 # How an example is broken into lines is not what it is about.
 OPTIONS = doctest.NORMALIZE_WHITESPACE

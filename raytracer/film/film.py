@@ -10,14 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats, Indices
 from raytracer.film.passes import CAUGHT, PASSES, STORED, select_passes
+from raytracer.film.picture_key import PictureKey
 
 LARGEST = np.finfo(np.float32).max
+# What `arrays` calls the number of samples of each pixel.
+COUNTS = "Sample Count"
 
 
 @dataclass
@@ -45,6 +49,14 @@ class Film:
     samples : finished sweeps over the whole film
     cancelled : True where the render was stopped before the last sample
     catches : True where Combined is completed by what shadow catchers show
+    interleaving : side of the squares of pixels that take different points of lights, 0 where none are shared
+    ahead : pixels, the first ones, that have a sample of the next sweep already
+    total : the samples that the picture is to have
+    left, bottom : the film's lower left pixel in the full picture
+    border : (x_min, y_min, x_max, y_max), the part of the full picture that this film and others are tiles of; None
+        is all of it
+    key : what decides the picture's bits; None where a film is no part of a picture
+    label : what sentences call it, the path of the file that it came from
 
     Examples
     --------
@@ -61,6 +73,14 @@ class Film:
     samples: int = 0
     cancelled: bool = False
     catches: bool = False
+    interleaving: int = 0
+    ahead: int = 0
+    total: int = 0
+    left: int = 0
+    bottom: int = 0
+    border: tuple[int, int, int, int] | None = None
+    key: PictureKey | None = None
+    label: str = ""
     statistics: Statistics = field(default_factory=Statistics)
 
     def __post_init__(self) -> None:
@@ -69,6 +89,11 @@ class Film:
         stored = (*self._means, *select_passes(self.names, from_centre=True))
         self._sums = {name: np.zeros((pixels, STORED[name].channels)) for name in stored}
         self._counts = np.zeros(pixels, dtype=np.int32)
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All that accumulates, by name, a row or number for each pixel: what files keep and `merge` puts together."""
+        return {**self._sums, COUNTS: self._counts}
 
     def add(self, pixels: slice | Indices, values: Mapping[str, Floats]) -> None:
         """Add one sample of each mean pass to some pixels.

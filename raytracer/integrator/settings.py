@@ -21,6 +21,12 @@ FILTER_WIDTHS = {"blackman_harris": 1.5, "box": 1.0}
 # Sample numbers, pixel indices and seeds are 32-bit words in `sampling`.
 WORD_LIMIT = 2**32
 
+# Groups of pixels that take different points of lights are numbered in a byte.
+LARGEST_INTERLEAVING = 16
+
+# What decides how a render is done, or how much of it, and no bit of a sample.
+FREE_SETTINGS = ("samples", "workers", "block_size", "border", "tile", "interleaving")
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -49,6 +55,9 @@ class Settings:
         the pixel's centre alone. None takes Blender's: 1.5 and 1
     block_size : most camera rays traced at a time; changes no result
     border : (x_min, y_min, x_max, y_max), pixels, y up, upper bounds exclusive; None renders the full picture
+    tile : (i, n), the i-th part, from 1, of n that `cut` makes of the picture inside the border; None renders all
+    interleaving : side of the squares of pixels that take different points of lights; 0 gives every pixel its own.
+        None chooses by the size of picture and scene
     """
 
     samples: int = 64
@@ -71,6 +80,8 @@ class Settings:
     filter_width: float | None = None
     block_size: int = 1 << 18
     border: Border | None = None
+    tile: tuple[int, int] | None = None
+    interleaving: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("diffuse_bounces", "glossy_bounces", "transmission_bounces"):
@@ -99,6 +110,10 @@ class Settings:
         object.__setattr__(self, "passes", _check_passes(self.passes))
         object.__setattr__(self, "filter_width", _check_filter_width(self.filter_width, self.pixel_filter))
         object.__setattr__(self, "border", _check_border(self.border))
+        object.__setattr__(self, "tile", _check_tile(self.tile))
+        if self.interleaving is not None:
+            side = check_integer(self.interleaving, 0, LARGEST_INTERLEAVING, "Settings: interleaving")
+            object.__setattr__(self, "interleaving", side)
 
 
 def check_integer(value: Any, low: int, high: int | None, field: str) -> int:
@@ -153,3 +168,13 @@ def _check_border(border: Any) -> Border | None:
     if x_min >= x_max or y_min >= y_max:
         raise ValueError(f"Settings: border: expected x_min < x_max and y_min < y_max, got {bounds}")
     return x_min, y_min, x_max, y_max
+
+
+def _check_tile(tile: Any) -> tuple[int, int] | None:
+    if tile is None:
+        return None
+    numbers = tuple(tile) if isinstance(tile, Iterable) else ()
+    if len(numbers) != 2:
+        raise ValueError(f"Settings: tile: expected (i, n), the i-th of n parts, got {tile}")
+    count = check_integer(numbers[1], 1, None, "Settings: tile: n")
+    return check_integer(numbers[0], 1, count, "Settings: tile: i"), count

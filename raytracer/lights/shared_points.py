@@ -35,17 +35,18 @@ from raytracer.scene.scene import Scene
 RAYS_PER_TRIANGLE = 0.1
 # With fewer rays in a call NumPy's calls cost more than their arithmetic, and joining the lights' rays costs less.
 SMALLEST_CALL = 1 << 14
-# From so many samples on, one point for the whole picture leaves no steps to see; at 64 they still show in a wide
-# penumbra.
-SAMPLES_WITHOUT_STEPS = 256
+# Squares of so many pixels a side take different points; a single point leaves steps in a wide penumbra, even after 64
+# samples.
+INTERLEAVING = 2
 
 
-def choose_interleaving(pixels: int, samples: int, scene: Scene) -> int:
-    """Return the side of the squares of pixels that take different points: 2, 1, or 0 where pixels share none."""
+def choose_interleaving(pixels: int, scene: Scene) -> int:
+    """Return the side of the squares of pixels that take different points, or 0 where pixels share none.
+
+    The number of samples plays no part: the samples of a picture are the first ones of the same picture with more.
+    """
     least = max(SMALLEST_CALL, RAYS_PER_TRIANGLE * count_primitives(scene))
-    if pixels / 4 >= least:
-        return 2
-    return 1 if samples >= SAMPLES_WITHOUT_STEPS and pixels >= least else 0
+    return INTERLEAVING if pixels / INTERLEAVING**2 >= least else 0
 
 
 def count_primitives(scene: Scene) -> int:

@@ -13,6 +13,7 @@ from raytracer.arrays.types import Floats, Indices
 from raytracer.casting.caster import Caster
 from raytracer.casting.rays import Rays
 from raytracer.film.camera import primary_rays
+from raytracer.film.parts import cut
 from raytracer.film.passes import STORED, select_passes
 from raytracer.film.pixel_filter import sample_pixel_filter
 from raytracer.integrator.integrator import Integrator, prepare
@@ -118,7 +119,12 @@ def make_window(scene: Scene, width: int, height: int, settings: Settings) -> Fr
             f"Settings: border: expected x_max <= {width} and y_max <= {height}, the picture's size, "
             f"got {settings.border}"
         )
-    interleaving = choose_interleaving(width * height, settings.samples, scene)
+    if settings.tile is not None:
+        number, count = settings.tile
+        x_min, y_min, x_max, y_max = cut(width, height, count, settings.border)[number - 1]
+    interleaving = settings.interleaving
+    if interleaving is None:
+        interleaving = choose_interleaving(width * height, scene)
     return FrameWindow(scene.camera, width, height, x_min, y_min, x_max - x_min, y_max - y_min, interleaving)
 
 
@@ -131,16 +137,21 @@ class BlockPlan:
     """Cuts the sweeps into blocks of about BLOCK_SECONDS, learning from those that are done.
 
     A sweep is one sample of every pixel; a block is several sweeps or an even part of one.
+
+    pixels, sweeps : of the whole picture
+    largest : most camera rays of a block
+    done, ahead : sweeps that are done already, and the first pixels that have a sample of the next one
     """
 
-    def __init__(self, pixels: int, sweeps: int, largest: int) -> None:
+    def __init__(self, pixels: int, sweeps: int, largest: int, done: int = 0, ahead: int = 0) -> None:
         self.pixels = pixels
         self.sweeps = sweeps
+        self._done = (done, ahead)
         self._largest = largest
         self._size = min(largest, SMALLEST_BLOCK)
 
     def __iter__(self) -> Iterator[Block]:
-        sample = start = 0
+        sample, start = self._done
         first = FIRST_BLOCK
         while sample < self.sweeps:
             size, first = min(self._size, first), 2 * first

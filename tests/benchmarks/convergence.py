@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 
 import raytracer
-from raytracer.rendering import blocks
 from tests.benchmarks.noise import measure_noise
 from tests.benchmarks.pictures import CYCLES, fit_power, open_scene, render_repeatedly
 
@@ -61,13 +60,8 @@ def render_ours(extracted, samples, interleaving, seed=0):
 def render_picture(extracted, samples, interleaving, seed):
     """Return Combined (h, w, 4), sampled through a box filter."""
     scene, caster = extracted
-    chosen = blocks.choose_interleaving
-    blocks.choose_interleaving = lambda pixels, count, shown: interleaving
-    try:
-        settings = {"pixel_filter": "box", "seed": seed, "max_bounces": 0}
-        return raytracer.render(scene, *SIZE, samples, caster=caster, **settings)["Combined"]
-    finally:
-        blocks.choose_interleaving = chosen
+    settings = {"pixel_filter": "box", "seed": seed, "max_bounces": 0, "interleaving": interleaving}
+    return raytracer.render(scene, *SIZE, samples, caster=caster, **settings)["Combined"]
 
 
 def render_random(extracted):

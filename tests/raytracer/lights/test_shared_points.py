@@ -10,7 +10,7 @@ from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import Settings
 from raytracer.lights.lights import evaluate_light, sample_light
 from raytracer.lights.shared_points import (
-    SAMPLES_WITHOUT_STEPS,
+    INTERLEAVING,
     SMALLEST_CALL,
     choose_interleaving,
     is_near,
@@ -199,14 +199,11 @@ def test_a_set_takes_the_same_point_in_any_batch():
         np.testing.assert_array_equal(part.uniform(1)[part.key], whole.uniform(1)[whole.key[rows]])
 
 
-def test_choose_interleaving_weighs_pixels_against_triangles_and_samples():
+def test_choose_interleaving_weighs_pixels_against_triangles():
     small = raytracer.Scene(meshes=[FLOOR])
     triangles = np.zeros((10 * SMALLEST_CALL * 4, 3), np.int32)
     many = raytracer.Scene(meshes=[raytracer.Mesh(np.zeros((3, 3)), triangles)])
-    assert choose_interleaving(4 * SMALLEST_CALL, 1, small) == 2
-    assert choose_interleaving(4 * SMALLEST_CALL - 1, 1, small) == 0
-    assert choose_interleaving(4 * SMALLEST_CALL - 1, SAMPLES_WITHOUT_STEPS, small) == 1
-    assert choose_interleaving(16 * SMALLEST_CALL, 1, many) == 2
-    assert choose_interleaving(16 * SMALLEST_CALL - 1, SAMPLES_WITHOUT_STEPS - 1, many) == 0
-    assert choose_interleaving(16 * SMALLEST_CALL - 1, SAMPLES_WITHOUT_STEPS, many) == 1
-    assert choose_interleaving(4 * SMALLEST_CALL - 1, SAMPLES_WITHOUT_STEPS, many) == 0
+    assert choose_interleaving(4 * SMALLEST_CALL, small) == INTERLEAVING
+    assert choose_interleaving(4 * SMALLEST_CALL - 1, small) == 0
+    assert choose_interleaving(16 * SMALLEST_CALL, many) == INTERLEAVING
+    assert choose_interleaving(16 * SMALLEST_CALL - 1, many) == 0

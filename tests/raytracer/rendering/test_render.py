@@ -18,10 +18,8 @@ from raytracer.rendering.blocks import FIRST_BLOCK, SMALLEST_BLOCK, Block, Block
 from raytracer.rendering.render import render
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.camera import Camera
-from raytracer.scene.lights import AreaLight, World
-from raytracer.scene.materials import Closure, Material
 from raytracer.scene.scene import Scene
-from raytracer.scene.shapes import Mesh, Spheres
+from tests.raytracer.rendering.rendering_fixtures import make_lit_scene
 
 CAMERA = Camera(world_from_camera=np.eye(4), projection="orthographic", ortho_scale=16.0)
 SCENE = Scene(camera=CAMERA)
@@ -242,24 +240,9 @@ def test_the_last_pixel_of_the_largest_picture_has_its_own_samples():
     assert (samples.pixel.tolist(), x.tolist(), y.tolist()) == ([2**32 - 1], [2**16 - 0.5], [2**16 - 0.5])
 
 
-def make_lit_scene() -> Scene:
-    """A mirror ball and a diffuse ball on a floor, under an area light and a sky."""
-    floor = Mesh([[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], [[0, 1, 2], [0, 2, 3]])
-    balls = Spheres([[-1, 0, 1], [1.2, 0, 1]], [1, 1], material=[1, 0])
-    eye = np.array([[1, 0, 0, 0], [0, 0, -1, -8], [0, 1, 0, 1.5], [0, 0, 0, 1]])
-    return Scene(
-        meshes=[floor],
-        spheres=[balls],
-        materials=[Material((Closure("diffuse"),)), Material((Closure("glossy", roughness=0.1),))],
-        lights=[AreaLight([0, -4, 6], [2, 0, 0], [0, 2, 0], 300.0)],
-        world=World([0.1, 0.2, 0.3]),
-        camera=Camera(eye),
-    )
-
-
 @pytest.mark.parametrize("interleaving", [0, 1, 2])
 def test_picture_is_the_same_for_any_number_of_workers_and_any_block_size(monkeypatch, interleaving):
-    monkeypatch.setattr(blocks, "choose_interleaving", lambda pixels, samples, scene: interleaving)
+    monkeypatch.setattr(blocks, "choose_interleaving", lambda pixels, scene: interleaving)
     scene = make_lit_scene()
     settings = {"samples": 3, "passes": ("Combined", "Normal", "Depth"), "seed": 5}
     expected = render(scene, 40, 30, **settings)

@@ -1,0 +1,124 @@
+"""Films as files: what each pixel adds up to so far, in float64, so that a render can go on from it elsewhere.
+
+An .npz: an outline in JSON, with what decides the picture's bits, and the film's arrays by name, not compressed. Every
+entry has a checksum, and the outline's key is one over what the picture is of.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from raytracer.files.archive import Archive, open_archive, take_table, write_archive
+from raytracer.film.film import Film, Statistics
+from raytracer.film.passes import PASSES
+from raytracer.film.picture_key import PictureKey, restore_key
+
+FILE_FORMAT = "reference-raytracer-film-1"
+
+# Fields of a film that are no part of what it is and how far.
+NOT_STORED = ("statistics", "key", "label")
+# Pixels are numbered in 32 bits (`Settings`).
+MOST_PIXELS = 2**32
+
+
+def save_film(film: Film, path: str | Path) -> None:
+    """Write a film as one .npz, whole or not at all, so that `load_film` gives the same one.
+
+    Raises
+    ------
+    ValueError
+        If the film does not come from `render`.
+    OSError
+        If it cannot be written, naming the file.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib, numpy, raytracer
+    >>> scene = raytracer.Scene(camera=raytracer.Camera(numpy.eye(4)), world=raytracer.World(1.0))
+    >>> film = raytracer.render(scene, 4, 3, samples=8)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "film.npz"
+    ...     raytracer.save_film(film, path)
+    ...     film = raytracer.load_film(path)
+    >>> film = raytracer.render(scene, 4, 3, samples=32, film=film)
+    >>> film.samples
+    32
+    """
+    if film.key is None:
+        raise ValueError("save_film: expected a film of raytracer.render, got one that says nothing of its picture")
+    fields = {name: getattr(film, name) for name in list_stored_fields()}
+    outline = {
+        "format": FILE_FORMAT,
+        "key": film.key.digest,
+        "choices": film.key.choices,
+        "scene": film.key.scene,
+        "film": fields,
+        "statistics": dataclasses.asdict(film.statistics),
+        "arrays": list(film.arrays),
+    }
+    write_archive(path, {"outline": np.array(json.dumps(outline)), **film.arrays})
+
+
+def load_film(path: str | Path) -> Film:
+    """Read a film written by `save_film`.
+
+    Raises
+    ------
+    ValueError
+        If the file is not one, or broken, naming the file.
+    OSError
+        If it cannot be read, naming the file.
+    """
+    with open_archive(path, f"a film written by raytracer.save_film ({FILE_FORMAT})") as archive:
+        outline = archive.read_outline(FILE_FORMAT)
+        film = restore_film(outline, archive.size)
+        film.key = restore_picture_key(outline)
+        read_arrays(film, outline, archive)
+    film.label = str(path)
+    return film
+
+
+def list_stored_fields() -> list[str]:
+    """Return the names of the fields of a film that a file keeps."""
+    return [item.name for item in dataclasses.fields(Film) if item.init and item.name not in NOT_STORED]
+
+
+def restore_film(outline: dict[str, Any], size: int) -> Film:
+    """Return an empty film of the outline's fields; ValueError where a file of `size` bytes cannot hold it."""
+    fields = take_table(outline.get("film"))
+    if set(fields) != set(list_stored_fields()):
+        raise ValueError("a film with other fields")
+    fields = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
+    width, height, names = fields["width"], fields["height"], fields["names"]
+    numbers = (width, height, *(fields[name] for name in ("samples", "ahead", "total", "left", "bottom")))
+    if any(type(number) is not int or number < 0 for number in numbers):
+        raise ValueError(f"a film of the size {width} x {height}")
+    if not 0 < width * height <= min(size, MOST_PIXELS) or fields["ahead"] > width * height:
+        raise ValueError(f"{width} x {height} pixels, which the file does not hold")
+    if not isinstance(names, tuple) or not all(isinstance(name, str) and name in PASSES for name in names):
+        raise ValueError(f"the passes {names}")
+    return Film(**fields, statistics=Statistics(**take_table(outline.get("statistics"))))
+
+
+def restore_picture_key(outline: dict[str, Any]) -> PictureKey:
+    """Return the outline's key; ValueError where it is not that of what the outline says."""
+    key = restore_key(take_table(outline.get("choices")), take_table(outline.get("scene")))
+    if key.digest != outline.get("key"):
+        raise ValueError("a key that is not that of its settings and scene")
+    return key
+
+
+def read_arrays(film: Film, outline: dict[str, Any], archive: Archive) -> None:
+    """Fill the film with the arrays of a file."""
+    if outline.get("arrays") != list(film.arrays):
+        raise ValueError(f"arrays named {outline.get('arrays')}")
+    for name, array in film.arrays.items():
+        stored = archive.read(name, array.nbytes, keep=False)
+        if stored.shape != array.shape or stored.dtype != array.dtype:
+            raise ValueError(f"{name} of {stored.shape} {stored.dtype}, not {array.shape} {array.dtype}")
+        array[...] = stored

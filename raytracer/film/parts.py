@@ -1,0 +1,145 @@
+"""Parts of a picture: tiles that are rendered apart from one another, and the whole that they make.
+
+A part is a film that knows its picture and how far it is. Tiles lie beside each other; the samples of a tile are a
+chain, in which one render goes on from another's film. A sample's value depends on pixel, number and seed alone, so the
+whole is the same bit for bit as if it had been rendered in one go.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from raytracer.arrays.types import Indices
+from raytracer.film.film import Film, Statistics
+from raytracer.film.picture_key import describe_difference
+
+Border = tuple[int, int, int, int]
+
+
+def cut(width: int, height: int, count: int, border: Border | None = None) -> list[Border]:
+    """Return the borders of `count` tiles that cover a picture, or the part of it inside `border`.
+
+    They are strips of whole rows, from the lowest up, of which no two differ by more than a row.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer rows than tiles.
+
+    Examples
+    --------
+    >>> cut(640, 360, 3)
+    [(0, 0, 640, 120), (0, 120, 640, 240), (0, 240, 640, 360)]
+    """
+    x_min, y_min, x_max, y_max = border or (0, 0, width, height)
+    rows = y_max - y_min
+    if not 1 <= count <= rows:
+        raise ValueError(f"cut: expected from 1 to {rows} tiles, as many as the picture has rows, got {count}")
+    edges = [y_min + number * rows // count for number in range(count + 1)]
+    return [(x_min, low, x_max, high) for low, high in itertools.pairwise(edges)]
+
+
+def merge(films: Sequence[Film]) -> Film:
+    """Return the whole picture that films of its tiles make, in any order.
+
+    Raises
+    ------
+    ValueError
+        If a part is missing, there twice, or of another picture, or they do not all have the same samples; one sentence
+        names it.
+
+    Examples
+    --------
+    >>> import numpy, raytracer
+    >>> scene = raytracer.Scene(camera=raytracer.Camera(numpy.eye(4)), world=raytracer.World(1.0))
+    >>> tiles = [raytracer.render(scene, 4, 6, samples=2, tile=(number, 3)) for number in (1, 2, 3)]
+    >>> whole = raytracer.merge(tiles)
+    >>> whole.width, whole.height, whole.samples
+    (4, 6, 2)
+    """
+    films = list(films)
+    if not films:
+        raise ValueError("merge: expected one or more films, got none")
+    names = [film.label or f"film {number}" for number, film in enumerate(films, 1)]
+    check_alike(films, names)
+    x_min, y_min, x_max, y_max = measure_whole(films[0])
+    check_cover(films, names, (x_min, y_min, x_max, y_max))
+    whole = replace(
+        films[0],
+        width=x_max - x_min,
+        height=y_max - y_min,
+        left=x_min,
+        bottom=y_min,
+        cancelled=any(film.cancelled for film in films),
+        label="",
+        statistics=add_statistics(films),
+    )
+    for film in films:
+        pixels = number_pixels(film, x_min, y_min, whole.width)
+        for name, array in whole.arrays.items():
+            array[pixels] = film.arrays[name]
+    return whole
+
+
+def check_alike(films: Sequence[Film], names: Sequence[str]) -> None:
+    """Raise ValueError unless all films are parts of the first one's picture and have its samples."""
+    first = films[0]
+    for film, name in zip(films, names, strict=True):
+        if film.key is None or first.key is None:
+            raise ValueError(f"merge: {name}: expected a film of raytracer.render")
+        difference = describe_difference(film.key, first.key)
+        if not difference and measure_whole(film) != measure_whole(first):
+            difference = f"border is {film.border}, not {first.border}"
+        if difference:
+            raise ValueError(f"merge: {name} is no part of the picture of {names[0]}: {difference}")
+    most = max(film.samples for film in films)
+    for film, name in zip(films, names, strict=True):
+        if film.samples < most or film.ahead:
+            raise ValueError(f"merge: {name} is not finished: {film.samples} samples of {max(most, film.total)}")
+
+
+def check_cover(films: Sequence[Film], names: Sequence[str], whole: Border) -> None:
+    """Raise ValueError unless every pixel of the whole is in just one of the films."""
+    x_min, y_min, x_max, y_max = whole
+    owner = np.full((y_max - y_min, x_max - x_min), -1, dtype=np.int32)
+    for number, film in enumerate(films):
+        left, bottom = film.left - x_min, film.bottom - y_min
+        if left < 0 or bottom < 0 or left + film.width > owner.shape[1] or bottom + film.height > owner.shape[0]:
+            raise ValueError(f"merge: {names[number]} reaches over the picture's edge")
+        tile = owner[bottom : bottom + film.height, left : left + film.width]
+        if (tile >= 0).any():
+            raise ValueError(f"merge: {names[number]} and {names[tile.max()]} are of the same pixels")
+        tile[...] = number
+    rows, columns = np.nonzero(owner < 0)
+    if len(rows):
+        raise ValueError(
+            f"merge: a part is missing: {len(rows)} pixels, of columns {x_min + columns.min()} to "
+            f"{x_min + columns.max()} and rows {y_min + rows.min()} to {y_min + rows.max()} from below"
+        )
+
+
+def measure_whole(film: Film) -> Border:
+    """Return the border of the picture that a film is a part of."""
+    assert film.key is not None
+    return film.border or (0, 0, film.key.choices["width"], film.key.choices["height"])
+
+
+def number_pixels(film: Film, x_min: int, y_min: int, width: int) -> Indices:
+    """Return the numbers (n,) of a film's pixels among those of the whole, which is `width` pixels wide."""
+    rows = np.arange(film.bottom - y_min, film.bottom - y_min + film.height)
+    columns = np.arange(film.left - x_min, film.left - x_min + film.width)
+    return (rows[:, np.newaxis] * width + columns).reshape(-1)
+
+
+def add_statistics(films: Sequence[Film]) -> Statistics:
+    """Return what all renders took together."""
+    taken = [film.statistics for film in films]
+    return Statistics(
+        rays=sum(one.rays for one in taken),
+        build_seconds=sum(one.build_seconds for one in taken),
+        trace_seconds=sum(one.trace_seconds for one in taken),
+    )

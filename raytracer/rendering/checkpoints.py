@@ -1,0 +1,89 @@
+"""Renders that outlive their process: a film's file is kept up to date, and the next render goes on from it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from raytracer.film.film import Film
+from raytracer.film.film_file import load_film, save_film
+from raytracer.integrator.settings import Settings
+from raytracer.processes.workers import WorkerError
+from raytracer.rendering.render import prepare_film, render
+from raytracer.scene.scene import Scene
+
+# Seconds between two writes, where nothing else is said, and the share of the time that they may take.
+EVERY_SECONDS = 60.0
+WRITING_SHARE = 0.05
+
+
+class Checkpoints:
+    """Writes a film now and then."""
+
+    def __init__(self, film: Film, path: Path, every: float) -> None:
+        self._film, self._path, self._every = film, path, every
+        self._next = time.monotonic() + every
+
+    def consider(self) -> None:
+        """Write the film if it is time."""
+        if time.monotonic() >= self._next:
+            self.write()
+
+    def write(self) -> None:
+        """Write the film. After w seconds of that, at least w / share - w go by until the next time."""
+        started = time.monotonic()
+        save_film(self._film, self._path)
+        finished = time.monotonic()
+        self._next = finished + max(self._every, (finished - started) * (1.0 / WRITING_SHARE - 1.0))
+
+
+def render_into(
+    path: Path,
+    scene: Scene,
+    width: int,
+    height: int,
+    samples: int,
+    *,
+    every: float = EVERY_SECONDS,
+    on_progress: Callable[[float], None] | None = None,
+    **keywords: Any,
+) -> Film:
+    """Render as `render` does, with a film's file that is written every so often, and once more at the end.
+
+    Where the file exists, the render goes on from it: the same call again ends what the last one did not.
+
+    Parameters
+    ----------
+    path : of the film's file
+    every : seconds between two writes, which take no more than WRITING_SHARE of the time
+    keywords : those of `render`, and settings
+
+    Raises
+    ------
+    ValueError
+        If the file is no film, or of another picture.
+    """
+    film = resume(path, scene, width, height, samples, keywords)
+    checkpoints = Checkpoints(film, path, every)
+
+    def tell(share: float) -> None:
+        checkpoints.consider()
+        if on_progress:
+            on_progress(share)
+
+    try:
+        render(scene, width, height, samples, film=film, on_progress=tell, **keywords)
+    except WorkerError:  # comes between two blocks: the film is as good as ever
+        checkpoints.write()
+        raise
+    checkpoints.write()
+    return film
+
+
+def resume(path: Path, scene: Scene, width: int, height: int, samples: int, keywords: dict[str, Any]) -> Film:
+    """Return the film of a file that is of this picture, or an empty one where there is no file."""
+    names = [name for name in Settings.__dataclass_fields__ if name != "workers"]
+    settings = Settings(samples=samples, **{name: keywords[name] for name in names if name in keywords})
+    return prepare_film(scene, width, height, settings, load_film(path) if path.exists() else None)[0]

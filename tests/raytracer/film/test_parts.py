@@ -1,0 +1,115 @@
+"""Tiles of a picture: together they are the whole, bit for bit, and nothing is missing, double or foreign."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import raytracer
+from raytracer.film.film import Film
+from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
+
+SIZE = (10, 64)
+SETTINGS = {"passes": ("Combined", "Normal", "Depth")}
+
+
+def render(samples: int = 2, scene: raytracer.Scene | None = None, **keywords: object) -> Film:
+    return raytracer.render(scene or make_lit_scene(), *SIZE, samples, **{**SETTINGS, **keywords})
+
+
+@pytest.fixture(scope="module")
+def whole() -> Film:
+    return render()
+
+
+@pytest.fixture(scope="module")
+def tiles() -> list[Film]:
+    return [render(tile=(number, 4)) for number in (1, 2, 3, 4)]
+
+
+@pytest.mark.parametrize(("height", "count"), [(64, 64), (64, 5), (7, 3), (1, 1)])
+def test_tiles_cover_every_row_once(height: int, count: int) -> None:
+    borders = raytracer.cut(9, height, count, border=(2, 0, 8, height))
+    rows = [row for _, low, _, high in borders for row in range(low, high)]
+    assert rows == list(range(height))
+    assert {(left, right) for left, _, right, _ in borders} == {(2, 8)}
+    sizes = [high - low for _, low, _, high in borders]
+    assert max(sizes) - min(sizes) <= 1
+
+
+@pytest.mark.parametrize("count", [0, 9])
+def test_there_are_no_more_tiles_than_rows(count: int) -> None:
+    with pytest.raises(ValueError, match="from 1 to 8 tiles"):
+        raytracer.cut(100, 8, count)
+
+
+def test_sixty_four_tiles_in_any_order_are_the_whole_bit_for_bit(whole: Film) -> None:
+    parts = [render(tile=(number, 64)) for number in range(1, 65)]
+    for seed in range(3):
+        order = np.random.default_rng(seed).permutation(64)
+        merged = raytracer.merge([parts[number] for number in order])
+        assert same(merged, whole)
+    assert merged.statistics.rays == whole.statistics.rays
+
+
+def test_borders_that_a_user_cuts_are_parts_as_well(whole: Film) -> None:
+    halves = [render(border=border) for border in ((0, 0, 4, 64), (4, 0, 10, 64))]
+    assert same(raytracer.merge(halves), whole)
+
+
+def test_tiles_of_a_border_are_the_border() -> None:
+    border = (3, 10, 9, 40)
+    tiles = [render(border=border, tile=(number, 3)) for number in (3, 1, 2)]
+    merged, expected = raytracer.merge(tiles), render(border=border)
+    assert (merged.left, merged.bottom, merged.width, merged.height) == (3, 10, 6, 30)
+    for name, array in expected.arrays.items():
+        np.testing.assert_array_equal(merged.arrays[name], array)
+
+
+def test_a_whole_that_was_merged_goes_on(whole: Film, tiles: list[Film]) -> None:
+    film = render(5, film=raytracer.merge(tiles))
+    assert same(film, render(5))
+
+
+def test_what_is_missing_is_named(tiles: list[Film]) -> None:
+    with pytest.raises(ValueError, match="missing: 160 pixels, of columns 0 to 9 and rows 16 to 31"):
+        raytracer.merge([tiles[0], tiles[2], tiles[3]])
+    with pytest.raises(ValueError, match="one or more films"):
+        raytracer.merge([])
+
+
+def test_what_is_there_twice_is_named(tiles: list[Film]) -> None:
+    named = [replace_label(tile, f"P{number}.npz") for number, tile in enumerate((*tiles, tiles[2]))]
+    with pytest.raises(ValueError, match=r"P4.npz and P2.npz are of the same pixels"):
+        raytracer.merge(named)
+
+
+def replace_label(film: Film, label: str) -> Film:
+    copy = replace(film, label=label)
+    for name, array in film.arrays.items():
+        copy.arrays[name][...] = array
+    return copy
+
+
+@pytest.mark.parametrize(
+    ("foreign", "reason"),
+    [
+        ({"seed": 7}, "seed is 7, not 0"),
+        ({"samples": 3}, "film 1 is not finished: 2 samples of 3"),
+        ({"samples": 3, "until": 1}, "film 2 is not finished: 1 samples of 3"),
+        ({"max_bounces": 2, "diffuse_bounces": 8, "glossy_bounces": 8, "transmission_bounces": 8}, "max_bounces is 2"),
+        ({"scene": replace(make_lit_scene(), world=raytracer.World(0.5))}, "scene differs in its world"),
+        ({"border": (0, 0, 10, 32)}, "border is"),
+    ],
+)
+def test_a_part_of_another_picture_is_named(tiles: list[Film], foreign: dict[str, object], reason: str) -> None:
+    other = render(**{"tile": (2, 4), **foreign})
+    with pytest.raises(ValueError, match=reason):
+        raytracer.merge([tiles[0], other, *tiles[2:]])
+
+
+def test_a_film_that_comes_from_no_render_is_no_part(tiles: list[Film]) -> None:
+    with pytest.raises(ValueError, match="film 2: expected a film of raytracer"):
+        raytracer.merge([tiles[0], Film(2, 2, ("Combined",))])
