@@ -19,7 +19,7 @@ from tests.folders import ROOT
 FLOORS = {
     "raytracer": (
         *("lecture", "files", "arrays", "predicates", "sampling", "scene", "textures", "processes", "casting", "film"),
-        *("surfaces", "bsdfs", "shading", "lights", "integrator", "rendering", "__init__"),
+        *("surfaces", "bsdfs", "shading", "lights", "integrator", "rendering", "commands", "__init__", "__main__"),
     ),
     "addon": (
         *("interrupts", "versions", "passes", "properties", "editors", "extract", "scripting", "scanning", "viewport"),

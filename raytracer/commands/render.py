@@ -1,0 +1,115 @@
+"""Render a scene file, or a tile of it, into a film or a picture; go on where the last render stopped.
+
+The film's file is written every so often, and once more when the render ends or is told to (Ctrl-C, SIGTERM): the same
+command again goes on from there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from raytracer.commands.arguments import parse_names, parse_positive, parse_seconds, parse_size, parse_tile
+from raytracer.files.replacing import check_replaceable
+from raytracer.film.film import Film
+from raytracer.film.film_picture import save_picture
+from raytracer.integrator.settings import Settings
+from raytracer.rendering.checkpoints import EVERY_SECONDS, render_into
+from raytracer.scene.scene_file import load, load_settings
+
+SUFFIXES = (".npz", ".exr")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `render`."""
+    parser.add_argument("file", metavar="S.npz", help="the scene, as raytracer.save and `python -m addon export` write")
+    parser.add_argument("-o", "--output", required=True, metavar="P.npz|.exr", help="the film or the picture to write")
+    parser.add_argument("--size", type=parse_size, metavar="WxH", help="pixels; default: the file's, as in the rest")
+    parser.add_argument("--samples", type=parse_positive, metavar="N", help="samples per pixel of the whole picture")
+    parser.add_argument("--until", type=parse_positive, metavar="K", help="stop when every pixel has K of them")
+    parser.add_argument("--tile", type=parse_tile, metavar="I/N", help="render the I-th, from 1, of N tiles")
+    parser.add_argument("--passes", type=parse_names, metavar="A,B", help="passes, such as Combined,Depth,Normal")
+    parser.add_argument("--workers", type=parse_positive, metavar="N", help="processes; default: 1")
+    parser.add_argument(
+        *("--every",),
+        type=parse_seconds,
+        default=EVERY_SECONDS,
+        metavar="SECONDS",
+        help=f"between two writes of the film, for at most a twentieth of the time; default: {EVERY_SECONDS:.0f}",
+    )
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Render; print the path of what was written."""
+    output = Path(arguments.output)
+    if output.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"{output}: expected a name that ends in {' or '.join(SUFFIXES)}")
+    is_picture = output.suffix.lower() == ".exr"
+    path = name_film(output) if is_picture else output
+    for file in {path, output}:
+        check_replaceable(file)
+    scene = load(arguments.file)
+    keywords = choose_keywords(load_settings(arguments.file), arguments)
+    with listen() as is_stopped:
+        film = render_into(path, scene, every=arguments.every, is_cancelled=is_stopped, **keywords)
+    if film.cancelled:
+        raise ValueError(f"interrupted: {path} has {describe_progress(film)}; the same command goes on from there")
+    if is_picture:
+        save_picture(film, output)
+        path.unlink()
+    print(output, flush=True)
+
+
+def name_film(picture: Path) -> Path:
+    """Return the file that the film of a picture is kept in while it is being made."""
+    return picture.with_name(f"{picture.name}.npz")
+
+
+def choose_keywords(found: dict[str, Any], arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return keywords of `render`: those of the scene's file, and what the command line says in their place."""
+    known = ("width", "height", *Settings.__dataclass_fields__)
+    for name in found:
+        if name not in known:
+            raise ValueError(f"{arguments.file}: a setting {name!r}, which this version does not know")
+    keywords = dict(found)
+    if arguments.size:
+        keywords["width"], keywords["height"] = arguments.size
+    if "width" not in keywords or "height" not in keywords:
+        raise ValueError(f"{arguments.file}: says no size of its picture; --size WxH does")
+    for name in ("samples", "until", "tile", "passes", "workers"):
+        if getattr(arguments, name) is not None:
+            keywords[name] = getattr(arguments, name)
+    return {"samples": Settings.samples, **keywords}
+
+
+def describe_progress(film: Film) -> str:
+    """Return how far a film is, for a sentence."""
+    return f"{film.samples} of {film.total} samples"
+
+
+@contextlib.contextmanager
+def listen() -> Iterator[Callable[[], bool]]:
+    """Yield what tells whether the process has been told to end by Ctrl-C or SIGTERM; a second time ends it at once."""
+    stopped = threading.Event()
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        stopped.set()
+        signal.signal(number, before[signal.Signals(number)])
+
+    if threading.current_thread() is not threading.main_thread():
+        yield stopped.is_set
+        return
+    for number in before:
+        signal.signal(number, stop)
+    try:
+        yield stopped.is_set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

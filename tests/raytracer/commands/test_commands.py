@@ -1,0 +1,162 @@
+"""`python -m raytracer`: renders that are stopped and killed go on, tiles are merged, errors are one line."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import raytracer
+from raytracer.commands.command_line import main
+from tests.folders import ROOT
+from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
+
+SIZE = ("--size", "24x18")
+SAMPLES = 40
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.npz"
+    raytracer.save(make_lit_scene(), path)
+    return path
+
+
+def start(*arguments: object) -> subprocess.Popen[str]:
+    """Start a command in a process of its own."""
+    command = [sys.executable, "-m", "raytracer", *map(str, arguments)]
+    return subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+def expect(samples: int = SAMPLES, **keywords: object) -> raytracer.Film:
+    return raytracer.render(make_lit_scene(), 24, 18, samples, **keywords)
+
+
+def test_a_render_stops_goes_on_and_is_the_whole(tmp_path: Path, scene_file: Path, capsys) -> None:
+    output = tmp_path / "film.npz"
+    options = ("render", str(scene_file), "-o", str(output), *SIZE, "--samples", "6")
+    assert main([*options, "--until", "2"]) == 0
+    assert raytracer.load_film(output).samples == 2
+    assert main(["info", str(output)]) == 0
+    assert "2 of 6 samples" in capsys.readouterr().out
+    assert main(options) == 0
+    assert same(raytracer.load_film(output), expect(6))
+    assert main([*options[:-1], "9"]) == 0
+    assert same(raytracer.load_film(output), expect(9))
+
+
+def test_tiles_are_merged_into_a_picture_of_all_passes(tmp_path: Path, scene_file: Path, capsys) -> None:
+    tiles = [tmp_path / f"tile_{number}.npz" for number in (1, 2, 3)]
+    options = (*SIZE, "--samples", "2", "--passes", "Combined,Normal,Depth")
+    for number, tile in enumerate(tiles, 1):
+        assert main(["render", str(scene_file), "-o", str(tile), *options, "--tile", f"{number}/3"]) == 0
+    whole = tmp_path / "whole.npz"
+    assert main(["merge", *map(str, reversed(tiles)), "-o", str(whole)]) == 0
+    assert same(raytracer.load_film(whole), expect(2, passes=("Combined", "Normal", "Depth")))
+    merged, picture = tmp_path / "merged.exr", tmp_path / "picture.exr"
+    assert main(["merge", *map(str, tiles), "-o", str(merged)]) == 0
+    assert main(["render", str(scene_file), "-o", str(picture), *options]) == 0
+    assert merged.read_bytes() == picture.read_bytes()
+    assert sorted(path.suffix for path in tmp_path.iterdir()).count(".exr") == 2
+    assert not list(tmp_path.glob("*.exr.npz"))
+    capsys.readouterr()
+    assert main(["merge", *map(str, tiles[1:]), "-o", str(whole)]) == 1
+    assert "a part is missing" in capsys.readouterr().err
+
+
+def test_a_scene_file_says_how_it_is_rendered(tmp_path: Path, capsys) -> None:
+    scene, output = tmp_path / "scene.npz", tmp_path / "film.npz"
+    settings = {"width": 20, "height": 10, "samples": 3, "seed": 5, "border": (2, 1, 9, 8), "passes": ("Combined",)}
+    raytracer.save(make_lit_scene(), scene, settings)
+    assert main(["render", str(scene), "-o", str(output)]) == 0
+    assert same(raytracer.load_film(output), raytracer.render(make_lit_scene(), **settings))
+    raytracer.save(make_lit_scene(), scene, {**settings, "bouces": 3})
+    assert main(["render", str(scene), "-o", str(output)]) == 1
+    assert "'bouces', which this version does not know" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("render", "S", "-o", "P.png", *SIZE), "ends in .npz or .exr"),
+        (("render", "S", "-o", "P.npz"), "--size WxH does"),
+        (("render", "no.npz", "-o", "P.npz", *SIZE), "no.npz: No such file"),
+        (("render", "S", "-o", "S", *SIZE), "expected a film"),
+        (("render", "S", "-o", "no/P.npz", *SIZE), "P.npz: No such file or directory"),
+        (("render", "S", "-o", "P.npz", *SIZE, "--tile", "1/99"), "from 1 to 18 tiles"),
+        (("render", "S", "-o", "P.npz", *SIZE, "--samples", "4", "--until", "5"), "until: expected"),
+        (("render", "S", "-o", "P.npz", *SIZE, "--passes", "Beauty"), "passes"),
+        (("merge", "S", "-o", "P.exr"), "expected a film"),
+        (("info", "S"), "expected a film"),
+    ],
+)
+def test_errors_are_one_line_and_leave_files_alone(tmp_path, scene_file, capsys, monkeypatch, arguments, reason):
+    monkeypatch.chdir(tmp_path)
+    before = scene_file.read_bytes()
+    assert main([scene_file.name if text == "S" else text for text in arguments]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert reason in lines[0]
+    assert [path.name for path in tmp_path.iterdir()] == [scene_file.name]
+    assert scene_file.read_bytes() == before
+
+
+def test_a_film_of_other_settings_is_refused_by_name(tmp_path: Path, scene_file: Path, capsys) -> None:
+    output = tmp_path / "film.npz"
+    options = ("render", str(scene_file), "-o", str(output), *SIZE)
+    assert main([*options, "--samples", "1"]) == 0
+    raytracer.save(make_lit_scene(), scene_file, {"max_bounces": 3})
+    assert main([*options, "--samples", "2"]) == 1
+    assert f"{output} is of another picture: max_bounces is 8, not 3" in capsys.readouterr().err
+
+
+def wait_for(path: Path, process: subprocess.Popen[str]) -> None:
+    while not path.exists() and process.poll() is None:
+        time.sleep(0.02)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without telling them")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_render_that_is_told_to_end_keeps_what_it_has(tmp_path: Path, scene_file: Path, number: int) -> None:
+    output = tmp_path / "film.npz"
+    arguments = ("render", scene_file, "-o", output, *SIZE, "--every", "0")
+    process = start(*arguments, "--samples", "1000000")
+    wait_for(output, process)
+    process.send_signal(number)
+    out, error = process.communicate(timeout=60)
+    film = raytracer.load_film(output)
+    assert (process.returncode, out) == (1, "")
+    assert error == (
+        f"error: interrupted: {output} has {film.samples} of 1000000 samples; the same command goes on from there\n"
+    )
+    assert 0 < film.samples < 1000000
+    rays = film.statistics.rays
+    assert main([*map(str, arguments), "--samples", str(film.samples + 1)]) == 0
+    again = raytracer.load_film(output)
+    assert same(again, expect(film.samples + 1))
+    assert again.statistics.rays > rays
+
+
+@pytest.mark.slow
+def test_killed_twenty_times_and_resumed_it_is_the_whole(tmp_path: Path, scene_file: Path) -> None:
+    output, samples, rng = tmp_path / "film.npz", 20000, np.random.default_rng(2)
+    arguments = ("render", scene_file, "-o", output, *SIZE, "--every", "0", "--samples", samples, "--workers", 1)
+    before = 0
+    for _ in range(20):
+        process = start(*arguments)
+        wait_for(output, process)
+        time.sleep(rng.uniform(0.0, 3.0))
+        process.kill()
+        process.communicate()
+        done = raytracer.load_film(output).samples if output.exists() else 0
+        assert done >= before
+        before = done
+    assert 0 < before < samples
+    last = before + 2
+    assert main([*map(str, arguments[:8]), "--samples", str(last)]) == 0
+    assert same(raytracer.load_film(output), expect(last))
