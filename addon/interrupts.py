@@ -28,16 +28,18 @@ PATIENCE_SECONDS = 3.0
 class _State:
     depth = 0
     is_noted = False
+    is_polled = False
     errors = -1  # where LINE goes
     tidiers: tuple[Callable[[], object], ...] = ()
 
 
 def _note(number: int, frame: FrameType | None) -> None:
     """Take the signal: later inside `hold`, at once outside of it; a second one that has to wait ends the process."""
-    if _State.depth and _State.is_noted:
+    has_to_wait = _State.depth or _State.is_polled
+    if has_to_wait and _State.is_noted:
         _end_abruptly()
     _State.is_noted = True
-    if not _State.depth:
+    if not has_to_wait:
         raise KeyboardInterrupt
 
 
@@ -122,6 +124,35 @@ def release() -> Iterator[None]:
         yield
     finally:
         _State.depth = before
+
+
+@contextlib.contextmanager
+def poll() -> Iterator[None]:
+    """Only note Ctrl-C inside the block, which asks `is_noted` often, and then ends in its own time."""
+    before = _State.depth, _State.is_polled
+    _State.depth, _State.is_polled = 0, True
+    try:
+        yield
+    finally:
+        _State.depth, _State.is_polled = before
+
+
+@contextlib.contextmanager
+def listen_for(number: int) -> Iterator[None]:
+    """Treat another signal as Ctrl-C inside the block, in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(number, _note)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
+def is_noted() -> bool:
+    """Return whether Ctrl-C has been pressed."""
+    return _State.is_noted
 
 
 def check() -> None:

@@ -19,9 +19,15 @@ from typing import IO, Any, NoReturn
 from .. import interrupts
 
 # A command's module offers add_arguments(parser) and run(arguments); its first line of documentation is its help.
-COMMANDS = {"render": ".render", "compare": ".compare", "bench": ".bench"}
+COMMANDS = {
+    "render": ".render",
+    "export": ".export",
+    "merge": ".merge",
+    "compare": ".compare",
+    "bench": ".bench",
+}
 # Those that need no more than the installed extension.
-INSTALLED_COMMANDS = ("render", "compare")
+INSTALLED_COMMANDS = ("render", "export", "merge", "compare")
 PROGRAM = "python -m addon"
 
 # First bytes of a .blend: plain, compressed by gzip (before Blender 3.0) and by Zstandard.

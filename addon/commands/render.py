@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import interrupts
+from . import parts
 from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
 
 SUFFIXES = (".png", ".exr")
@@ -33,19 +34,27 @@ JSON_KEYS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `render`."""
     parser.add_argument("file", metavar="FILE.blend", help="the scene")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT.png|.exr", help="the picture to write")
+    parser.add_argument(
+        *("-o", "--output"), required=True, metavar="OUT.png|.exr|.npz", help="the picture, or film, to write"
+    )
     frames = parser.add_mutually_exclusive_group()
     frames.add_argument("--frame", type=int, metavar="N", help="frame to render; default: the file's current one")
     frames.add_argument(
         "--frames", type=parse_frames, metavar="A-B", help="frames to render; #### in OUT, or its end, takes the number"
     )
+    add_scene_arguments(parser)
+    parser.add_argument("--workers", type=parse_count, metavar="N", help="processes; 0: one for each processor")
+    parts.add_arguments(parser)
+    parser.add_argument("--json", action="store_true", help="print what the render took, one line for each frame")
+
+
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that stand in for settings of the scene."""
     parser.add_argument("--size", type=parse_size, metavar="WxH", help="pixels; default: the file's, as in the rest")
     parser.add_argument("--samples", type=parse_positive, metavar="N", help="samples per pixel")
     parser.add_argument("--bounces", type=parse_count, metavar="N", help="most bounces of a path, of any kind")
-    parser.add_argument("--workers", type=parse_count, metavar="N", help="processes; 0: one for each processor")
     parser.add_argument("--passes", type=parse_names, metavar="A,B", help="passes of a multilayer EXR: Depth,Normal")
     parser.add_argument("--precision", choices=PRECISIONS, help="how intersections are computed")
-    parser.add_argument("--json", action="store_true", help="print what the render took, one line for each frame")
 
 
 def parse_frames(text: str) -> range:
@@ -86,6 +95,7 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 def run(arguments: argparse.Namespace) -> None:
     """Render the frames asked for; print one line for each."""
+    parts.check_arguments(arguments)
     output = check_output(Path(arguments.output), arguments.passes)
     bpy = open_blend(arguments.file)
     scene = bpy.context.scene
@@ -94,18 +104,23 @@ def run(arguments: argparse.Namespace) -> None:
     check_view_layers(scene)
     frames = arguments.frames or [scene.frame_current if arguments.frame is None else arguments.frame]
     for frame in frames:
-        path = number_path(output, frame) if arguments.frames else output
+        path, part = output, arguments.part
+        if arguments.frames:
+            path, part = number_path(output, frame), part and str(number_path(Path(part), frame))
+        if arguments.skip_existing and parts.is_done(path, scene):
+            continue
         with interrupts.hold():
             scene.frame_set(frame)
-        taken = render_frame(bpy, scene, path)
+        with parts.keep_film(parts.find_film(path, part), arguments):
+            taken = (parts.render_film if parts.is_film(path) else render_frame)(bpy, scene, path)
         print_result(path, taken, arguments.json)
 
 
 def check_output(path: Path, passes: tuple[str, ...] | None) -> Path:
     """Return `path`, or raise CommandError where a picture could not be written to it after a long render."""
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in (*SUFFIXES, ".npz"):
         raise CommandError(f"{path}: expected a name that ends in {' or '.join(SUFFIXES)}")
-    if passes and path.suffix.lower() != ".exr":
+    if passes and path.suffix.lower() == ".png":
         raise CommandError(f"{path}: passes need an .exr file")
     check_replaceable_picture(path)
     return path

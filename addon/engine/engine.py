@@ -24,7 +24,7 @@ from ..passes import declare_passes, enabled_passes
 from ..properties import ENGINE, settings_keywords
 from ..viewport import viewport
 from ..viewport.viewport import Viewport
-from . import animation, statistics
+from . import animation, orders, statistics
 from .animation import Frames
 from .first_look import show_first_look
 from .output import Border, RenderOutput, read_border
@@ -116,8 +116,9 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         kept = animation.find_frames(engine, depsgraph)
         extraction = read_scene(depsgraph, kept)
         warnings = (*extraction.warnings, *find_ignored_settings(scene))
-        film = trace(engine, extraction.scene, depsgraph, border, progress, kept)
-        output.write(film.passes)
+        film = make_film(engine, extraction.scene, depsgraph, border, progress, kept)
+        if (film.width, film.height) == (border.width, border.height):  # a tile is no picture
+            output.write(film.passes)
     if engine.is_preview:
         return
     for warning in warnings:
@@ -148,10 +149,37 @@ def read_scene(depsgraph: Any, kept: Frames | None) -> Extraction:
         raise SceneError(str(error)) from error
 
 
-def trace(
+def make_film(
     engine: Any, scene: raytracer.Scene, depsgraph: Any, border: Border, progress: Progress, kept: Frames | None
 ) -> Any:
-    """Return the film of one view layer."""
+    """Return the film of one view layer as a command has ordered it, which most often is to trace it."""
+    order = orders.find_order()
+    if order is None or engine.is_preview:
+        return trace(engine, scene, depsgraph, border, progress, kept, raytracer.render)
+    if count_view_layers(depsgraph.scene_eval) > 1:
+        raise SceneError("films and scene files are of one view layer: expected Use for Rendering to be on in one")
+    if isinstance(order, orders.ShowFilm):
+        return order.film
+    try:
+        if isinstance(order, orders.ExportScene):
+            passes = enabled_passes(depsgraph.view_layer_eval)
+            settings = {**settings_keywords(depsgraph.scene_eval), "passes": passes, "border": tuple(border)}
+            return order.export(scene, engine.resolution_x, engine.resolution_y, settings)
+        return trace(engine, scene, depsgraph, border, progress, kept, order.render)
+    except ValueError as error:  # a film's file that is broken, or of another picture
+        raise SceneError(str(error)) from error
+
+
+def trace(
+    engine: Any,
+    scene: raytracer.Scene,
+    depsgraph: Any,
+    border: Border,
+    progress: Progress,
+    kept: Frames | None,
+    render: Callable[..., raytracer.Film],
+) -> Any:
+    """Return the film of one view layer, which `render` makes as `raytracer.render` does."""
     frame = engine.resolution_x, engine.resolution_y
     settings = settings_keywords(depsgraph.scene_eval)
     if engine.is_preview:
@@ -164,7 +192,7 @@ def trace(
     if progress.is_watched:
         progress.show_stage("First look")
         show_first_look(progress.output, scene, caster, frame, border, settings, engine.test_break)
-    film = raytracer.render(
+    film = render(
         scene,
         *frame,
         caster=caster,

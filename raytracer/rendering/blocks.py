@@ -42,7 +42,7 @@ def _never() -> bool:
     return False
 
 
-def _say_nothing(stage: str) -> None:
+def _say_nothing(what: object) -> None:
     pass
 
 

@@ -11,6 +11,7 @@ from raytracer.film.film import Film
 from raytracer.film.film_file import load_film, save_film
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import WorkerError
+from raytracer.rendering.blocks import _say_nothing
 from raytracer.rendering.render import prepare_film, render
 from raytracer.scene.scene import Scene
 
@@ -47,7 +48,7 @@ def render_into(
     samples: int,
     *,
     every: float = EVERY_SECONDS,
-    on_progress: Callable[[float], None] | None = None,
+    on_progress: Callable[[float], None] = _say_nothing,
     **keywords: Any,
 ) -> Film:
     """Render as `render` does, with a film's file that is written every so often, and once more at the end.
@@ -70,12 +71,15 @@ def render_into(
 
     def tell(share: float) -> None:
         checkpoints.consider()
-        if on_progress:
+        try:
             on_progress(share)
+        except BaseException:  # between two blocks the film is whole: what ends the render here loses nothing
+            checkpoints.write()
+            raise
 
     try:
         render(scene, width, height, samples, film=film, on_progress=tell, **keywords)
-    except WorkerError:  # comes between two blocks: the film is as good as ever
+    except WorkerError:  # this, too, comes between two blocks
         checkpoints.write()
         raise
     checkpoints.write()

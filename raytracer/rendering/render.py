@@ -136,6 +136,7 @@ def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
     """
     choices = {item.name: getattr(settings, item.name) for item in fields(settings)}
     choices = {name: value for name, value in choices.items() if name not in FREE_SETTINGS}
+    full = (0, 0, window.full_width, window.full_height)
     size = {"width": window.full_width, "height": window.full_height, "interleaving": window.interleaving}
     return Film(
         window.width,
@@ -146,7 +147,7 @@ def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
         total=count_sweeps(settings),
         left=window.x_min,
         bottom=window.y_min,
-        border=settings.border if settings.tile else None,
+        border=settings.border if settings.tile and settings.border != full else None,
         key=PictureKey({**size, **choices}, partial(digest_scene, scene)),
     )
 
@@ -188,13 +189,13 @@ def accumulate(
         plan.observe(result)
         add_result(film, result)
         film.ahead = result.block.stop % plan.pixels
+        if not film.ahead:
+            film.samples = result.block.sample + result.block.samples
         film.statistics.trace_seconds = time.perf_counter() - started
         if on_progress:
             on_progress(plan.share_done(result.block))
-        if result.block.stop == plan.pixels:
-            film.samples = result.block.sample + result.block.samples
-            if on_sweep:
-                on_sweep(film, film.samples, plan.sweeps)
+        if not film.ahead and on_sweep:
+            on_sweep(film, film.samples, plan.sweeps)
 
 
 def add_result(film: Film, result: BlockResult) -> None:

@@ -115,6 +115,11 @@ def test_a_film_of_other_settings_is_refused_by_name(tmp_path: Path, scene_file:
     assert f"{output} is of another picture: max_bounces is 8, not 3" in capsys.readouterr().err
 
 
+def read_time(path: Path) -> int:
+    """Return when a file was last written, 0 where there is none."""
+    return path.stat().st_mtime_ns if path.exists() else 0
+
+
 def wait_for(path: Path, process: subprocess.Popen[str]) -> None:
     while not path.exists() and process.poll() is None:
         time.sleep(0.02)
@@ -148,9 +153,11 @@ def test_killed_twenty_times_and_resumed_it_is_the_whole(tmp_path: Path, scene_f
     arguments = ("render", scene_file, "-o", output, *SIZE, "--every", "0", "--samples", samples, "--workers", 1)
     before = 0
     for _ in range(20):
+        written = read_time(output)
         process = start(*arguments)
-        wait_for(output, process)
-        time.sleep(rng.uniform(0.0, 3.0))
+        while read_time(output) == written and process.poll() is None:
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 0.5))
         process.kill()
         process.communicate()
         done = raytracer.load_film(output).samples if output.exists() else 0

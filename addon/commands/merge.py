@@ -1,0 +1,54 @@
+"""Put the tiles of a picture together into a PNG or EXR, as `render` writes them: with the scene's view transform."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from .command_line import CommandError, check_replaceable_picture, open_blend
+from .render import SUFFIXES, apply_arguments, check_limits, check_view_layers, render_frame
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `merge`."""
+    parser.add_argument("file", metavar="FILE.blend", help="the scene, for its view transform and compositing")
+    parser.add_argument("films", nargs="+", metavar="P.npz", help="the films of all tiles, or of the whole picture")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT.png|.exr", help="the picture to write")
+    parser.set_defaults(size=None, samples=None, bounces=None, workers=None, precision=None, frame=None, frames=None)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Merge; print the picture's path."""
+    import raytracer
+
+    output = Path(arguments.output)
+    if output.suffix.lower() not in SUFFIXES:
+        raise CommandError(f"{output}: expected a name that ends in {' or '.join(SUFFIXES)}")
+    check_replaceable_picture(output)
+    film = raytracer.merge([raytracer.load_film(path) for path in arguments.films])
+    several = len(film.names) > 1 and output.suffix.lower() == ".exr"
+    arguments.passes = film.names if several else None
+    bpy = open_blend(arguments.file)
+    from ..engine.orders import ShowFilm, give
+
+    scene = bpy.context.scene
+    check_limits(scene, arguments)
+    apply_arguments(scene, arguments)
+    fit_scene(scene, film)
+    check_view_layers(scene)
+    with give(ShowFilm(film)):
+        render_frame(bpy, scene, output)
+    print(output, flush=True)
+
+
+def fit_scene(scene: Any, film: Any) -> None:
+    """Let a Blender scene's picture have the film's size."""
+    from ..engine.output import read_border
+
+    render, choices = scene.render, film.key.choices
+    render.resolution_x, render.resolution_y, render.resolution_percentage = choices["width"], choices["height"], 100
+    expected = read_border(render, render.resolution_x, render.resolution_y)
+    found = (film.left, film.bottom, film.left + film.width, film.bottom + film.height)
+    if tuple(expected) != found:
+        raise CommandError(f"the films are of the border {found}, the scene's render border is {tuple(expected)}")

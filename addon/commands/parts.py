@@ -1,0 +1,107 @@
+"""Renders in parts: films that are kept in files, tiles, frames that are there already, films that become pictures.
+
+raytracer is imported where it is used, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from .. import interrupts
+from .command_line import CommandError, first_line, hide_python_output
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of renders in parts."""
+    parser.add_argument("--part", metavar="P.npz", help="keep the film in this file, and go on from it where it exists")
+    parser.add_argument(
+        "--tile", type=parse_tile, metavar="I/N", help="render the I-th, from 1, of N tiles into a film"
+    )
+    parser.add_argument("--until", type=parse_until, metavar="K", help="stop when every pixel has K of all samples")
+    parser.add_argument("--skip-existing", action="store_true", help="leave out frames whose file is there and whole")
+
+
+def parse_tile(text: str) -> tuple[int, int]:
+    """Return (i, n) of 'I/N'."""
+    match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
+    if not match or not 1 <= int(match[1]) <= int(match[2]):
+        raise argparse.ArgumentTypeError(f"expected I/N, such as 3/64, the third of 64 tiles, got {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def parse_until(text: str) -> int:
+    """Return a whole number of at least 1."""
+    if not re.fullmatch(r"\d{1,9}", text) or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number of 1 or more, got {text!r}")
+    return int(text)
+
+
+def is_film(path: Path) -> bool:
+    """Return whether a path is that of a film and not of a picture."""
+    return path.suffix.lower() == ".npz"
+
+
+def check_arguments(arguments: argparse.Namespace) -> None:
+    """Raise CommandError where the arguments do not fit each other."""
+    output = Path(arguments.output)
+    if arguments.part and (is_film(output) or not is_film(Path(arguments.part))):
+        raise CommandError(f"--part {arguments.part}: expected an .npz beside a picture, which -o names")
+    if arguments.tile and not is_film(output):
+        raise CommandError(f"{output}: a tile is no picture yet; -o P.npz takes its film, and `merge` joins them")
+
+
+def find_film(output: Path, part: str | None) -> Path | None:
+    """Return the film's file that a render into `output` keeps, or None."""
+    return output if is_film(output) else Path(part) if part else None
+
+
+def is_done(path: Path, scene: Any) -> bool:
+    """Return whether a frame's picture, or film, is there and whole."""
+    from raytracer.files.pictures import check_picture
+    from raytracer.film.film_file import load_film
+
+    from ..engine.output import measure_picture
+
+    try:
+        if is_film(path):
+            film = load_film(path)
+            return film.samples >= scene.reference_raytracer.samples
+        check_picture(path, *measure_picture(scene.render))
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def keep_film(path: Path | None, arguments: argparse.Namespace) -> Iterator[None]:
+    """Let the render inside the block keep its film in `path`, also where it is told to end."""
+    if path is None:
+        yield
+        return
+    from ..engine.orders import KeepFilm, give
+
+    order = KeepFilm(path, arguments.tile, arguments.until)
+    with interrupts.listen_for(signal.SIGTERM), give(order):
+        yield
+
+
+def render_film(bpy: Any, scene: Any, path: Path) -> Any:
+    """Render the current frame into a film's file alone, as the order of the block says; return its Statistics."""
+    from ..engine.statistics import forget_all, last_render
+
+    forget_all()
+    with interrupts.hold(), hide_python_output():
+        try:
+            bpy.ops.render.render(write_still=False, scene=scene.name)
+        except RuntimeError as error:
+            raise CommandError(first_line(str(error))) from None
+    taken = last_render(scene)
+    if taken is None:
+        raise CommandError(f"{path}: the scene's video sequencer made the picture, not the render engine")
+    return taken

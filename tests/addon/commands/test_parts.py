@@ -1,0 +1,124 @@
+"""Renders in parts: films, tiles and scene files of `python -m addon`, which make the picture that one render makes."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import raytracer
+from addon.commands.command_line import CommandError
+from addon.commands.parts import check_arguments, parse_tile
+from tests.addon.commands.test_command_line import run_command
+from tests.addon.engine.engine_fixtures import read_image
+from tests.folders import ROOT
+
+pytestmark = pytest.mark.blender
+
+BLEND = ROOT / "blend_scenes" / "cornell_box.blend"
+SIZE = ("--size", "24x20", "--workers", "1")
+OPTIONS = (*SIZE, "--samples", "4")
+
+
+def run(*arguments: object) -> str:
+    done = run_command(*arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the picture that one render makes, as EXR and PNG, and its film."""
+    folder = tmp_path_factory.mktemp("parts")
+    run("render", BLEND, "-o", folder / "whole.exr", *OPTIONS)
+    run("render", BLEND, "-o", folder / "whole.png", *OPTIONS, "--part", folder / "whole.npz")
+    return folder
+
+
+def test_tiles_that_are_merged_are_the_picture_as_exr_and_png(folder: Path) -> None:
+    tiles = [folder / f"tile_{number}.npz" for number in (1, 2)]
+    for number, tile in enumerate(tiles, 1):
+        assert run("render", BLEND, "-o", tile, *OPTIONS, "--tile", f"{number}/2") == f"{tile}\n"
+    for suffix in (".exr", ".png"):
+        merged = folder / f"merged{suffix}"
+        assert run("merge", BLEND, *reversed(tiles), "-o", merged) == f"{merged}\n"
+        np.testing.assert_array_equal(read_image(merged), read_image(folder / f"whole{suffix}"))
+    done = run_command("merge", BLEND, tiles[1], "-o", folder / "no.png")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "a part is missing" in done.stderr
+    assert not (folder / "no.png").exists()
+
+
+def test_a_film_goes_on_and_the_picture_beside_it_is_the_whole(folder: Path) -> None:
+    film, picture = folder / "film.npz", folder / "picture.exr"
+    run("render", BLEND, "-o", film, *OPTIONS, "--until", 1)
+    assert raytracer.load_film(film).samples == 1
+    run("render", BLEND, "-o", picture, *OPTIONS, "--part", film)
+    assert raytracer.load_film(film).samples == 4
+    np.testing.assert_array_equal(read_image(picture), read_image(folder / "whole.exr"))
+    done = run_command("render", BLEND, "-o", picture, *OPTIONS, "--part", film, "--bounces", "3")
+    assert done.returncode == 1
+    assert "is of another picture: max_bounces is" in done.stderr
+
+
+def test_an_exported_scene_is_rendered_to_the_same_film_without_blender(folder: Path) -> None:
+    scene, film = folder / "scene.npz", folder / "from_scene.npz"
+    assert run("export", BLEND, "-o", scene, *OPTIONS[:2], *OPTIONS[4:]) == f"{scene}\n"
+    block = (
+        f"import sys; sys.modules['bpy'] = None; sys.argv = {['raytracer', 'render', str(scene), '-o', str(film)]!r}"
+    )
+    command = [sys.executable, "-c", f"{block}; from raytracer.commands.command_line import main; sys.exit(main())"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found, expected = raytracer.load_film(film), raytracer.load_film(folder / "whole.npz")
+    assert found.key.digest == expected.key.digest
+    for name, array in expected.arrays.items():
+        np.testing.assert_array_equal(found.arrays[name], array)
+
+
+def test_frames_that_are_there_are_left_out(tmp_path: Path) -> None:
+    options = ("--frames", "1-2", "--size", "8x8", "--samples", 1, "--workers", 1, "--skip-existing")
+    assert len(run("render", BLEND, "-o", tmp_path / "f#.png", *options).splitlines()) == 2
+    first, second = tmp_path / "f1.png", tmp_path / "f2.png"
+    kept = first.read_bytes()
+    second.write_bytes(second.read_bytes()[:-20])
+    time_of_first = first.stat().st_mtime_ns
+    assert run("render", BLEND, "-o", tmp_path / "f#.png", *options) == f"{second}\n"
+    assert (first.read_bytes(), first.stat().st_mtime_ns) == (kept, time_of_first)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without telling them")
+def test_a_render_that_is_told_to_end_keeps_its_film(tmp_path: Path) -> None:
+    film = tmp_path / "film.npz"
+    command = [sys.executable, "-m", "addon", "render", BLEND, "-o", film, *SIZE, "--samples", "1000000"]
+    process = subprocess.Popen(list(map(str, command)), cwd=ROOT, text=True, stderr=subprocess.PIPE)
+    time.sleep(9.0)  # Blender starts, and some samples are traced
+    process.send_signal(signal.SIGTERM)
+    _, error = process.communicate(timeout=60)
+    assert (process.returncode, error.splitlines()[-1]) == (1, "error: interrupted")
+    assert raytracer.load_film(film).samples > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ({"output": "a.png", "tile": (1, 2)}, "a tile is no picture"),
+        ({"output": "a.npz", "part": "b.npz"}, "expected an .npz beside a picture"),
+        ({"output": "a.png", "part": "b.exr"}, "expected an .npz beside a picture"),
+    ],
+)
+def test_arguments_that_do_not_fit_each_other_are_refused(arguments: dict[str, object], reason: str) -> None:
+    with pytest.raises(CommandError, match=reason):
+        check_arguments(argparse.Namespace(**{"tile": None, "part": None, **arguments}))
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "1/0", "-1/2"])
+def test_a_tile_is_one_of_so_many(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="expected I/N"):
+        parse_tile(text)
