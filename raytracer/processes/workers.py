@@ -11,6 +11,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
@@ -22,14 +23,24 @@ from raytracer.processes.shared_memory import Door, SharedMemory, Ticket, open_s
 JOBS_AHEAD = 2
 # Seconds between two looks at `is_cancelled` while a result is awaited.
 POLL_SECONDS = 0.02
+# How many workers may be lost over one job: a computer or a process fails once, a job that fails twice is to blame.
+ATTEMPTS = 2
 
 
 class WorkerError(RuntimeError):
     """A worker process ended, or its function failed."""
 
 
+class LostWorkerError(WorkerError):
+    """A worker process ended while it was asked."""
+
+
 class Workers:
-    """A number of worker processes, a Pool; use it in a `with` statement, or call `close`."""
+    """A number of worker processes, a Pool; use it in a `with` statement, or call `close`.
+
+    What a process was at work on when it ended is asked of another one, once. `load` puts a new process in the place
+    of one that has ended.
+    """
 
     def __init__(self, count: int) -> None:
         self._workers = [_Worker() for _ in range(count)]
@@ -59,8 +70,9 @@ class Workers:
         Raises
         ------
         WorkerError
-            If a worker has died or been stopped, the factory fails in it, or there is no room for what is loaded.
+            If a worker dies twice, the factory fails in it, or there is no room for what is loaded.
         """
+        self._replace_lost()
         buffers: list[pickle.PickleBuffer] = []
         outline = pickle.dumps((factory, arguments), protocol=pickle.HIGHEST_PROTOCOL, buffer_callback=buffers.append)
         try:
@@ -68,7 +80,11 @@ class Workers:
         except OSError as error:
             raise WorkerError(f"no room for what the workers share: {error.strerror}") from error
         try:
-            self._load((outline, memory.ticket), memory)
+            try:
+                self._load((outline, memory.ticket), memory)
+            except LostWorkerError:
+                self._replace_lost()
+                self._load((outline, memory.ticket), memory)
         finally:
             memory.close()
 
@@ -77,10 +93,15 @@ class Workers:
         taken: list[_Worker] = []
         try:
             while len(taken) < len(self):
-                taken.append(self._take_idle())
+                worker = self._take_idle()
+                if worker in self._workers:
+                    taken.append(worker)
+                    if worker.loss:
+                        raise LostWorkerError(worker.loss)
             loads = [self._threads.submit(worker.load, content, memory) for worker in taken]
             for load in loads:
                 self._wait(load, lambda: False)
+            for load in loads:
                 load.result()
         finally:
             for worker in taken:
@@ -94,7 +115,7 @@ class Workers:
         Raises
         ------
         WorkerError
-            If a worker has died or been stopped, or the function fails in it.
+            If no worker is left, a job has cost two of them, or the function fails in one.
         """
         pending: deque[Future[Any]] = deque()
         try:
@@ -121,11 +142,44 @@ class Workers:
             worker.close()
 
     def _call(self, job: Any) -> Any:
-        worker = self._idle.get()
-        try:
-            return worker.ask("call", job)
-        finally:
-            self._idle.put(worker)  # dead or alive: the next call finds out at once, instead of waiting for ever
+        """Return a worker's answer; where it is lost over the job, that of another one."""
+        lost = 0
+        while True:
+            worker = self._take_living()
+            try:
+                return worker.ask("call", job)
+            except LostWorkerError:
+                lost += 1
+                if lost == ATTEMPTS:
+                    raise
+            finally:
+                self._idle.put(worker)
+
+    def _take_living(self) -> _Worker:
+        """Wait for a worker that lives; those that are lost are let go of, but for the last one, which tells all that
+        wait."""
+        while True:
+            worker = self._idle.get()
+            if not worker.loss:
+                return worker
+            if all(other.loss for other in self._workers):
+                self._idle.put(worker)
+                raise LostWorkerError(worker.loss)
+
+    def _replace_lost(self) -> None:
+        """Start a new process for each one that has ended."""
+        idle = []
+        with suppress(queue.Empty):
+            while True:
+                idle.append(self._idle.get_nowait())
+        for number, worker in enumerate(self._workers):
+            if worker.loss or worker.child.process.poll() is not None:
+                worker.child.kill()
+                worker.close()
+                self._workers[number] = _Worker()
+                idle = [other for other in idle if other is not worker] + [self._workers[number]]
+        for worker in idle:
+            self._idle.put(worker)
 
     def _take_idle(self) -> _Worker:
         while True:
@@ -156,6 +210,7 @@ class _Worker:
     """The parent's end of one worker process.
 
     is_asked : True while an answer is due
+    loss : how its process ended, a sentence, once that is known
     """
 
     def __init__(self) -> None:
@@ -163,6 +218,7 @@ class _Worker:
         self.child = Child(__name__, str(self._door.number), **self._door.options)
         self._door.shut()
         self.is_asked = False
+        self.loss = ""
 
     def load(self, content: tuple[bytes, Ticket], memory: SharedMemory) -> None:
         """Have it load what `memory` holds."""
@@ -176,7 +232,8 @@ class _Worker:
             self.child.channel.send((kind, content))
             succeeded, answer, trace = self.child.channel.receive()
         except (ChannelClosedError, pickle.UnpicklingError):
-            raise WorkerError(f"a worker process {self.child.describe_end()}") from None
+            self.loss = f"a worker process {self.child.describe_end()}"
+            raise LostWorkerError(self.loss) from None
         finally:
             self.is_asked = False
         if succeeded:

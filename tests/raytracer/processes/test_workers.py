@@ -185,8 +185,38 @@ def test_killed_workers_give_one_error_and_no_hang(functions):
             kill(process_id)
         with pytest.raises(WorkerError, match=rf"^a worker process ended unexpectedly \(exit code {KILLED}\)$"):
             list(workers.run(range(100)))
-        with pytest.raises(WorkerError, match="ended unexpectedly"):
-            workers.load(functions.make, "sleep_long")
+
+
+@pytest.mark.parametrize("killed", [1, 2])
+def test_workers_that_were_lost_are_replaced_when_something_is_loaded(functions, killed):
+    with Workers(2) as workers:
+        workers.load(functions.make, "sleep_less_later")
+        assert list(workers.run(range(4))) == list(range(4))
+        for process_id in workers.process_ids[:killed]:
+            kill(process_id)
+        workers.load(functions.make, "sleep_less_later")
+        assert list(workers.run(range(20))) == list(range(20))
+        assert len(set(workers.process_ids)) == 2
+        assert all(is_running(process_id) for process_id in workers.process_ids)
+
+
+def test_a_lost_workers_jobs_are_asked_of_another_one(functions):
+    with Workers(2) as workers:
+        workers.load(functions.make, "sleep_less_later")
+        results = workers.run(range(100))
+        first = [next(results) for _ in range(10)]
+        kill(workers.process_ids[0])
+        assert first + list(results) == list(range(100))
+        # The one that is left does all of the work from now on.
+        assert list(workers.run(range(30))) == list(range(30))
+
+
+def test_a_job_that_costs_two_workers_is_an_error_and_the_others_go_on(functions):
+    with Workers(3) as workers:
+        workers.load(functions.make, "exit_suddenly")
+        with pytest.raises(WorkerError, match=r"ended unexpectedly \(exit code 7\)$"):
+            list(workers.run(range(100)))
+        assert list(workers.run([0, 1, 2])) == [0, 1, 2]
 
 
 def test_what_workers_print_does_not_mix_with_their_answers(functions):
@@ -302,7 +332,7 @@ def test_axes_of_a_lamp_go_with_it():
 
 @needs_sigstop
 @pytest.mark.parametrize("when", ["at work", "before it is loaded"])
-def test_a_stopped_worker_is_noticed(functions, monkeypatch, when):
+def test_a_stopped_worker_is_noticed_and_others_do_its_work(functions, monkeypatch, when):
     monkeypatch.setattr(child, "SILENCE_SECONDS", 0.5)
     with Workers(2) as workers:
         workers.load(functions.make, "sleep_less_later")
@@ -311,8 +341,11 @@ def test_a_stopped_worker_is_noticed(functions, monkeypatch, when):
         if when == "at work":
             next(results)
         os.kill(workers.process_ids[0], signal.SIGSTOP)
-        with pytest.raises(WorkerError, match=r"^a worker process gave no sign of life for \d+ seconds and was ended$"):
-            workers.load(functions.make, "sleep_less_later") if when != "at work" else list(results)
+        if when == "at work":
+            assert list(results) == list(range(1, 100))
+        else:
+            workers.load(functions.make, "sleep_less_later")
+            assert list(workers.run(range(9))) == list(range(9))
 
 
 def test_a_worker_that_is_busy_gives_signs_of_life(functions, monkeypatch):
