@@ -34,8 +34,12 @@ BLOCK_SECONDS = 1.0
 
 # Camera rays; with fewer at a time NumPy's calls cost more than its arithmetic in the later waves of mirrors and glass.
 SMALLEST_BLOCK = 1 << 17
+# Any ray: what a caster builds when it is first asked, it builds for this one.
+RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 # Camera rays of the first blocks, doubled until they are as large: a sign of progress, and of the pace, comes early.
 FIRST_BLOCK = 1 << 14
+# What a worker takes at least of a picture that has too little work for all.
+SMALLEST_SHARE = 1 << 12
 
 
 def _never() -> bool:
@@ -140,12 +144,16 @@ class BlockPlan:
 
     pixels, sweeps : of the whole picture
     largest : most camera rays of a block
+    workers : that share the work; none takes more of what is left than its part, so that all have some to the end
     done, ahead : sweeps that are done already, and the first pixels that have a sample of the next one
     """
 
-    def __init__(self, pixels: int, sweeps: int, largest: int, done: int = 0, ahead: int = 0) -> None:
+    def __init__(
+        self, pixels: int, sweeps: int, largest: int, *, workers: int = 1, done: int = 0, ahead: int = 0
+    ) -> None:
         self.pixels = pixels
         self.sweeps = sweeps
+        self._workers = workers
         self._done = (done, ahead)
         self._largest = largest
         self._size = min(largest, SMALLEST_BLOCK)
@@ -154,7 +162,7 @@ class BlockPlan:
         sample, start = self._done
         first = FIRST_BLOCK
         while sample < self.sweeps:
-            size, first = min(self._size, first), 2 * first
+            size, first = min(self._size, first, self._share(sample, start)), 2 * first
             rest = self.pixels - start
             stop = start + -(-rest // -(-rest // size))
             together = max(1, size // self.pixels) if start == 0 else 1
@@ -162,6 +170,11 @@ class BlockPlan:
             yield block
             start = stop % self.pixels
             sample += block.samples if start == 0 else 0
+
+    def _share(self, sample: int, start: int) -> int:
+        """Return a worker's part of what is left from a pixel of a sweep on."""
+        left = (self.sweeps - sample) * self.pixels - start
+        return left if self._workers == 1 else max(-(-left // self._workers), SMALLEST_SHARE)
 
     def observe(self, result: BlockResult) -> None:
         """Set the size of the next blocks by how long this one took; at most twice its size."""
@@ -186,6 +199,8 @@ def trace_blocks(
 ) -> Iterator[BlockResult]:
     """Yield the results of `blocks` in order, until `is_cancelled()`."""
     if pool is not None:
+        _, caster, *_ = tracer_arguments
+        caster.closest_hit(*RAY)  # its tree is built here, and shared: each worker would build one of its own
         pool.load(BlockTracer, *tracer_arguments)
         on_stage("Tracing")
         yield from pool.run(blocks, is_cancelled)

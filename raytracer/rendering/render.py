@@ -99,7 +99,10 @@ def render(
     chosen = Settings(samples=samples, workers=count, **settings)
     film, window = prepare_film(scene, width, height, chosen, film)
     plan = BlockPlan(
-        *(window.width * window.height, limit_sweeps(chosen, until), chosen.block_size), film.samples, film.ahead
+        *(window.width * window.height, limit_sweeps(chosen, until), chosen.block_size),
+        workers=count,
+        done=film.samples,
+        ahead=film.ahead,
     )
     tell = on_stage or _say_nothing
     started = time.perf_counter()

@@ -93,7 +93,6 @@ def test_centre_passes_alone_need_one_sweep() -> None:
         ({"passes": ("Combined",)}, "passes is"),
         ({"size": (8, 7)}, "height is 6, not 7"),
         ({"border": (0, 0, 8, 3)}, "height is 6, not 3"),
-        ({"border": (0, 0, 8, 6), "tile": (1, 1)}, r"border is None, not \(0, 0, 8, 6\)"),
         ({"samples": 3}, "it has 4 samples already, and the picture shall have 3"),
         ({"interleaving": 2}, "interleaving is 0, not 2"),
     ],

@@ -304,6 +304,17 @@ def test_plan_fits_blocks_to_the_time_they_take():
         assert max(b / a for a, b in itertools.pairwise(blocks)) <= 2.05
 
 
+@pytest.mark.parametrize(("pixels", "sweeps", "workers"), [(64 * 36, 16, 8), (64 * 36, 64, 3), (10**5, 1, 8)])
+def test_plan_has_work_for_all_workers(pixels, sweeps, workers):
+    plan = BlockPlan(pixels, sweeps, largest=2**18, workers=workers)
+    sizes = [len(block) * block.samples for block in plan]
+    assert sum(sizes) == pixels * sweeps
+    assert len(sizes) >= workers
+    assert max(sizes) <= max(-(-pixels * sweeps // workers), 2**12)
+    # The last ones are small: nobody waits long for the one who has begun last.
+    assert sizes[-1] <= max(2**12, pixels)
+
+
 def test_plan_cuts_what_is_left_of_a_pass_evenly():
     plan = BlockPlan(pixels=70000, sweeps=3, largest=50000)
     sizes = []
