@@ -4,6 +4,7 @@
 #   make render      render blend_scenes/still_life.blend to build/still_life.png (SIZE=960x640 SAMPLES=64 for more)
 #   make test        the tests of the quick tier;  make test-all: the slow ones too
 #   make check       formatting, lint and types
+#   make test-clusters    renders on a Dask cluster of this computer, and the job templates for render farms
 #   make test-windows     the ray tracer's tests, all scenes and the command line on Windows' rules, under Wine
 #   make test-processors  all scenes, and the certified tests, as other processors compute them
 #   make report      speed against error beside other ray casters: tests/report, tables and plots (some minutes)
@@ -14,7 +15,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
-.PHONY: setup render test test-all test-windows test-processors check report extension clean
+.PHONY: setup render test test-all test-clusters test-windows test-processors check report extension clean
 
 PYTHON ?=
 SCENE := blend_scenes/still_life.blend
@@ -24,6 +25,7 @@ SAMPLES ?= 8
 BIN := .venv/bin
 READY := .venv/ready
 REPORT_READY := .venv/report_ready
+CLUSTERS_READY := .venv/clusters_ready
 # Tests run in so many processes, each file in one of them; PROCESSES=0 runs them in one, as a debugger wants it.
 PROCESSES ?= 2
 SHARED_OUT = -n $(PROCESSES) --dist loadfile
@@ -45,6 +47,13 @@ test: $(READY)
 
 test-all: $(READY)
 	@$(BIN)/python -m pytest $(SHARED_OUT) tests
+
+$(CLUSTERS_READY): $(READY)
+	@$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[dask,farm]'
+	@touch $@
+
+test-clusters: $(CLUSTERS_READY)
+	@$(BIN)/python -m pytest tests/raytracer/rendering/test_clusters.py tests/addon/farm
 
 test-windows: $(READY)
 	@.ci/test_windows

@@ -13,7 +13,9 @@ from raytracer.film.film_file import load_film, save_film
 from raytracer.film.parts import cut, merge
 from raytracer.film.picture_key import VERSION
 from raytracer.integrator.settings import Settings
+from raytracer.processes.dask_pool import DaskPool
 from raytracer.processes.workers import WorkerError, Workers
+from raytracer.rendering.clusters import cast_blocks, render_on
 from raytracer.rendering.render import render
 from raytracer.scene.camera import Camera, Panorama
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
@@ -29,6 +31,7 @@ __all__ = [
     "Camera",
     "Caster",
     "Closure",
+    "DaskPool",
     "Film",
     "Hits",
     "Image",
@@ -51,11 +54,13 @@ __all__ = [
     "Workers",
     "World",
     "build",
+    "cast_blocks",
     "cut",
     "load",
     "load_film",
     "merge",
     "render",
+    "render_on",
     "save",
     "save_film",
 ]

@@ -1,0 +1,131 @@
+"""Pictures and rays on a Dask cluster.
+
+`render(..., workers=DaskPool(client))` moves the scene once, and every sample of every pixel back: good for a few tens
+of workers on a quick network. `render_on` moves a tile's film back once: 32 bytes for each pixel of Combined, however
+many samples it has. Workers are lost and come back as they like: the bits are the same.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from raytracer.casting.caster import Caster, build
+from raytracer.casting.rays import Hits
+from raytracer.film.film import Film, Statistics
+from raytracer.film.parts import merge
+from raytracer.integrator.settings import Settings
+from raytracer.processes.dask_pool import take_result
+from raytracer.rendering.render import prepare_film, render
+from raytracer.scene.scene import Scene
+from raytracer.scene.scene_file import load
+
+# Tiles for each thread of the cluster: what is lost with a worker is one of them, and the last ones do not keep others
+# waiting for long.
+TILES_PER_THREAD = 4
+
+
+def render_on(
+    client: Any,
+    scene: str | Path | Scene,
+    width: int,
+    height: int,
+    samples: int = 64,
+    *,
+    tiles: int | None = None,
+    **settings: Any,
+) -> Film:
+    """Render on the workers of a cluster, a tile at a time; the same film as `render` gives, bit for bit.
+
+    Parameters
+    ----------
+    client : `distributed.Client`
+    scene : a Scene, which is sent to the workers, or the path of a file that all of them can read
+    tiles : how many; None takes four for each thread of the cluster
+    settings : the other fields of `Settings` by name
+
+    Raises
+    ------
+    WorkerError
+        If a tile could not be rendered, which the sentence says the reason of.
+    ValueError
+        If a setting does not fit.
+    """
+    chosen = Settings(samples=samples, **settings)
+    whole = load(scene) if isinstance(scene, str | Path) else scene
+    empty, window = prepare_film(whole, width, height, chosen)
+    threads = max(1, sum(client.nthreads().values()))
+    count = min(tiles or TILES_PER_THREAD * threads, window.height)
+    sent = str(scene) if isinstance(scene, str | Path) else client.scatter(scene, broadcast=True, hash=False)
+    futures = [
+        client.submit(render_tile, sent, width, height, samples, (number, count), settings, pure=False)
+        for number in range(1, count + 1)
+    ]
+    films = []
+    for number, future in enumerate(futures, 1):
+        film, _ = prepare_film(whole, width, height, Settings(samples=samples, **{**settings, "tile": (number, count)}))
+        film.key = empty.key
+        films.append(fill_film(film, *take_result(future)))
+        future.release()
+    return merge(films)
+
+
+def render_tile(
+    scene: str | Scene, width: int, height: int, samples: int, tile: tuple[int, int], settings: dict[str, Any]
+) -> tuple[dict[str, Any], int, Statistics]:
+    """Render a tile in a process of the cluster; return its film's arrays, its samples, and what it took."""
+    opened = load_once(scene, os.stat(scene).st_mtime_ns) if isinstance(scene, str) else scene
+    caster = build_once(opened, settings.get("precision", Settings.precision))
+    film = render(opened, width, height, samples, caster=caster, **{**settings, "tile": tile})
+    return film.arrays, film.samples, film.statistics
+
+
+@lru_cache(maxsize=1)
+def load_once(path: str, written: int) -> Scene:
+    """Return the scene of a file, read once for all tiles; written : when the file was."""
+    return load(path)
+
+
+@lru_cache(maxsize=1)
+def build_once(scene: Scene, precision: str) -> Caster:
+    """Return a scene's caster, which all tiles of this process use."""
+    return build(scene, precision)
+
+
+def fill_film(film: Film, arrays: dict[str, Any], samples: int, statistics: Statistics) -> Film:
+    """Return an empty film with what another process added up."""
+    for name, array in film.arrays.items():
+        array[...] = arrays[name]
+    film.samples, film.statistics = samples, statistics
+    return film
+
+
+def cast_blocks(caster: Caster, origins: Any, directions: Any) -> Any:
+    """Cast dask arrays of rays, (n, 3) each; return the distances, a dask array (n,) of the same blocks.
+
+    The caster goes to each worker once; inf is a miss, as in `Caster.closest_hit`.
+    """
+    import dask.array
+    from dask import delayed
+
+    origins, directions = (rays.rechunk({1: 3}) for rays in (origins, directions))
+    origins = origins.rechunk({0: directions.chunks[0]})
+    # As one task beside the blocks, and not in each of them.
+    sent = delayed(caster, pure=False, traverse=False)
+    blocks = [
+        dask.array.from_delayed(delayed(measure_distances)(sent, *pair), (size,), np.float64)
+        for *pair, size in zip(
+            origins.to_delayed()[:, 0], directions.to_delayed()[:, 0], directions.chunks[0], strict=True
+        )
+    ]
+    return dask.array.concatenate(blocks)
+
+
+def measure_distances(caster: Caster, origins: Any, directions: Any) -> Any:
+    """Return the distances (n,) to the closest hits of rays."""
+    hits: Hits = caster.closest_hit(origins, directions)
+    return hits.distance
