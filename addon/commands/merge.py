@@ -13,7 +13,7 @@ from .render import SUFFIXES, apply_arguments, check_limits, check_view_layers, 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `merge`."""
     parser.add_argument("file", metavar="FILE.blend", help="the scene, for its view transform and compositing")
-    parser.add_argument("films", nargs="+", metavar="P.npz", help="the films of all tiles, or of the whole picture")
+    parser.add_argument("films", nargs="+", metavar="P.npz", help="the films of all tiles, or folders of them")
     parser.add_argument("-o", "--output", required=True, metavar="OUT.png|.exr", help="the picture to write")
     parser.set_defaults(size=None, samples=None, bounces=None, workers=None, precision=None, frame=None, frames=None)
 
@@ -21,12 +21,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Merge; print the picture's path."""
     import raytracer
+    from raytracer.film.film_file import load_films
 
     output = Path(arguments.output)
     if output.suffix.lower() not in SUFFIXES:
         raise CommandError(f"{output}: expected a name that ends in {' or '.join(SUFFIXES)}")
     check_replaceable_picture(output)
-    film = raytracer.merge([raytracer.load_film(path) for path in arguments.films])
+    film = raytracer.merge(load_films(arguments.films))
     several = len(film.names) > 1 and output.suffix.lower() == ".exr"
     arguments.passes = film.names if several else None
     bpy = open_blend(arguments.file)

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from raytracer.commands.render import SUFFIXES
 from raytracer.files.replacing import check_replaceable
-from raytracer.film.film_file import load_film, save_film
+from raytracer.film.film_file import load_films, save_film
 from raytracer.film.film_picture import save_picture
 from raytracer.film.parts import merge
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `merge`."""
-    parser.add_argument("files", nargs="+", metavar="P.npz", help="the films of all tiles, or of the whole picture")
+    parser.add_argument("files", nargs="+", metavar="P.npz", help="the films of all tiles, or folders of them")
     parser.add_argument("-o", "--output", required=True, metavar="PICTURE.exr|.npz", help="the file to write")
 
 
@@ -24,6 +24,6 @@ def run(arguments: argparse.Namespace) -> None:
     if output.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{output}: expected a name that ends in {' or '.join(SUFFIXES)}")
     check_replaceable(output)
-    whole = merge([load_film(path) for path in arguments.files])
+    whole = merge(load_films(arguments.files))
     (save_picture if output.suffix.lower() == ".exr" else save_film)(whole, output)
     print(output, flush=True)

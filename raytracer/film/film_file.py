@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from raytracer.files.archive import Archive, open_archive, take_table, write_arc
 from raytracer.film.film import Film, Statistics
 from raytracer.film.passes import PASSES
 from raytracer.film.picture_key import PictureKey, restore_key
+from raytracer.scene.scene_file import is_scene_file
 
 FILE_FORMAT = "reference-raytracer-film-1"
 
@@ -81,6 +83,20 @@ def load_film(path: str | Path) -> Film:
         read_arrays(film, outline, archive)
     film.label = str(path)
     return film
+
+
+def load_films(paths: Iterable[str | Path]) -> list[Film]:
+    """Read films; a folder stands for all the films in it, beside which scenes may lie.
+
+    Raises
+    ------
+    ValueError, OSError
+        As `load_film` does.
+    """
+    files: list[Path] = []
+    for path in map(Path, paths):
+        files += [file for file in sorted(path.glob("*.npz")) if not is_scene_file(file)] if path.is_dir() else [path]
+    return [load_film(file) for file in files]
 
 
 def list_stored_fields() -> list[str]:

@@ -116,6 +116,16 @@ def load_settings(path: str | Path) -> dict[str, Any]:
     return {name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()}
 
 
+def is_scene_file(path: str | Path) -> bool:
+    """Return whether a file says that it is a scene; it may be broken all the same."""
+    try:
+        with open_archive(path, "a scene") as archive:
+            archive.read_outline(FILE_FORMAT)
+    except ValueError:
+        return False
+    return True
+
+
 def read_scene(archive: Archive) -> Scene:
     """Return the scene in an archive; ValueError where it holds something else."""
     content = archive.read_outline(FILE_FORMAT)
