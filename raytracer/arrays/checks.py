@@ -41,24 +41,35 @@ def as_array(value: ArrayLike, dtype: type, shape: Sequence[int | str], field: s
     ValueError
         If the value does not convert, does not fit into the integer type, or has another shape.
     """
-    expected = f"({', '.join(str(size) for size in shape)}{',' if len(shape) == 1 else ''}) {np.dtype(dtype).name}"
     try:
         raw = np.asarray(value)
-        if raw.size and not np.can_cast(raw.dtype, dtype, casting="same_kind"):
-            raise TypeError
-        with np.errstate(over="ignore"):
-            array: NDArray[Any] = np.ascontiguousarray(raw, dtype=dtype).reshape(raw.shape)
+        array = raw if raw.dtype == dtype else _convert(raw, dtype)
+        array = array if array.flags.c_contiguous else np.ascontiguousarray(array)
     except (TypeError, ValueError):
         kind = getattr(value, "dtype", None) or type(value).__name__
-        raise ValueError(f"{field}: expected an array {expected}, got {kind}") from None
-    if np.issubdtype(dtype, np.integer) and (array != raw).any():
-        raise ValueError(f"{field}: expected an array {expected}, got {raw[array != raw].flat[0]}, which does not fit")
+        raise ValueError(f"{field}: expected an array {_describe(dtype, shape)}, got {kind}") from None
+    if array.dtype != raw.dtype and np.issubdtype(dtype, np.integer) and (array != raw).any():
+        odd = raw[array != raw].flat[0]
+        raise ValueError(f"{field}: expected an array {_describe(dtype, shape)}, got {odd}, which does not fit")
     if not _shape_matches(array.shape, shape):
-        raise ValueError(f"{field}: expected shape {expected}, got {array.shape}")
+        raise ValueError(f"{field}: expected shape {_describe(dtype, shape)}, got {array.shape}")
     if array is value or array.base is not None:
         array = array.view()
     array.flags.writeable = False
     return array
+
+
+def _describe(dtype: type, shape: Sequence[int | str]) -> str:
+    """Return what is expected, for a sentence: only errors need it, and thousands of arrays have none."""
+    return f"({', '.join(str(size) for size in shape)}{',' if len(shape) == 1 else ''}) {np.dtype(dtype).name}"
+
+
+def _convert(raw: NDArray[Any], dtype: type) -> NDArray[Any]:
+    """Return an array of another type; TypeError where that is of another kind."""
+    if raw.size and not np.can_cast(raw.dtype, dtype, casting="same_kind"):
+        raise TypeError
+    with np.errstate(over="ignore"):
+        return raw.astype(dtype, order="C")
 
 
 def require_finite(array: NDArray[Any], field: str) -> None:
