@@ -5,7 +5,6 @@ What is read and turns out to be the same stays the same arrays, so that trees o
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -131,7 +130,7 @@ class MeshTable:
         if entry.last is not None and key in entry.last.records:
             return entry.last.records[key]
         assert entry.geometry is not None
-        return dataclasses.replace(assign_materials(entry.geometry, key[0]), attributes=attributes)
+        return assign_materials(entry.geometry, key[0], attributes)
 
     def finish(self) -> dict[MeshKey, MeshEntry]:
         """Return what to keep: the entries, without those before them, and without meshes that are not in the scene."""

@@ -6,7 +6,7 @@ Buffers are flat and of Blender's own type, so that `foreach_get` copies memory;
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -176,14 +176,17 @@ def replace_broken_normals(
     return np.where(broken, flat[:, None, :], corners)
 
 
-def assign_materials(geometry: Geometry, materials: tuple[int, ...]) -> raytracer.Mesh:
+def assign_materials(
+    geometry: Geometry, materials: tuple[int, ...], attributes: Mapping[str, NDArray[np.float64]] | None = None
+) -> raytracer.Mesh:
     """Return the mesh with `materials`, one for each of its used slots; all arrays but the assignment are shared."""
+    added: dict[str, Any] = {"attributes": attributes} if attributes else {}
     if len(set(materials)) == 1:
-        return dataclasses.replace(geometry.mesh, material=materials[0])
+        return dataclasses.replace(geometry.mesh, material=materials[0], **added)
     assert geometry.slots is not None
     material_of_slot = np.zeros(geometry.used_slots[-1] + 1, dtype=np.int32)
     material_of_slot[list(geometry.used_slots)] = materials
-    return dataclasses.replace(geometry.mesh, material=material_of_slot[geometry.slots])  # (t,)
+    return dataclasses.replace(geometry.mesh, material=material_of_slot[geometry.slots], **added)  # (t,)
 
 
 @dataclass(frozen=True)
