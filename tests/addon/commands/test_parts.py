@@ -101,7 +101,7 @@ def test_a_render_that_is_told_to_end_keeps_its_film(tmp_path: Path) -> None:
     time.sleep(9.0)  # Blender starts, and some samples are traced
     process.send_signal(signal.SIGTERM)
     _, error = process.communicate(timeout=60)
-    assert (process.returncode, error.splitlines()[-1]) == (1, "error: interrupted")
+    assert (process.returncode, error.splitlines()[-1]) == (130, "error: interrupted")
     assert raytracer.load_film(film).samples > 0
 
 
