@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tile", type=parse_tile, metavar="I/N", help="render the I-th, from 1, of N tiles into a film"
     )
     parser.add_argument("--until", type=parse_until, metavar="K", help="stop when every pixel has K of all samples")
+    parser.add_argument("--every", type=parse_seconds, metavar="SECONDS", help="between two writes of the film")
     parser.add_argument("--skip-existing", action="store_true", help="leave out frames whose file is there and whole")
 
 
@@ -40,6 +41,13 @@ def parse_until(text: str) -> int:
     if not re.fullmatch(r"\d{1,9}", text) or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number of 1 or more, got {text!r}")
     return int(text)
+
+
+def parse_seconds(text: str) -> float:
+    """Return seconds, 0 or more."""
+    if not re.fullmatch(r"\d{1,9}(\.\d*)?", text):
+        raise argparse.ArgumentTypeError(f"expected seconds, such as 60, got {text!r}")
+    return float(text)
 
 
 def is_film(path: Path) -> bool:
@@ -84,9 +92,12 @@ def keep_film(path: Path | None, arguments: argparse.Namespace) -> Iterator[None
     if path is None:
         yield
         return
+    from raytracer.rendering.checkpoints import EVERY_SECONDS
+
     from ..engine.orders import KeepFilm, give
 
-    order = KeepFilm(path, arguments.tile, arguments.until)
+    every = EVERY_SECONDS if arguments.every is None else arguments.every
+    order = KeepFilm(path, arguments.tile, arguments.until, every)
     with interrupts.listen_for(signal.SIGTERM), give(order):
         yield
 

@@ -28,6 +28,7 @@ class KeepFilm:
     """Render into a film's file, and go on from it where it exists.
 
     tile, until : as in `raytracer.render`
+    every : seconds between two writes
     """
 
     path: Path

@@ -96,9 +96,25 @@ def test_frames_that_are_there_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without telling them")
 def test_a_render_that_is_told_to_end_keeps_its_film(tmp_path: Path) -> None:
     film = tmp_path / "film.npz"
-    command = [sys.executable, "-m", "addon", "render", BLEND, "-o", film, *SIZE, "--samples", "1000000"]
-    process = subprocess.Popen(list(map(str, command)), cwd=ROOT, text=True, stderr=subprocess.PIPE)
-    time.sleep(9.0)  # Blender starts, and some samples are traced
+    command = [
+        sys.executable,
+        "-m",
+        "addon",
+        "render",
+        BLEND,
+        "-o",
+        film,
+        *SIZE,
+        "--samples",
+        "1000000",
+        "--every",
+        "0",
+    ]
+    process = subprocess.Popen(
+        [*map(str, command), "--samples", "1000000"], cwd=ROOT, text=True, stderr=subprocess.PIPE
+    )
+    while not film.exists() and process.poll() is None:  # Blender starts, and some samples are traced
+        time.sleep(0.05)
     process.send_signal(signal.SIGTERM)
     _, error = process.communicate(timeout=60)
     assert (process.returncode, error.splitlines()[-1]) == (130, "error: interrupted")
