@@ -188,7 +188,7 @@ class Caster(Questions):
 
     def _plan(self, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Offer]]:
         """Yield batches of rays and what offers a query of theirs all candidates."""
-        pencil = self._find_pencil(rays)
+        pencil = self._find_pencil(rays, any_hit)
         if pencil is not None:
             reach = np.abs(self.primitives.bounds - pencil.centre).max()
             # A power of two by which the scene and the pencil come to a size of about one.
@@ -207,14 +207,21 @@ class Caster(Questions):
         for start in range(0, len(rays), size):
             yield slice(start, min(start + size, len(rays))), self.offer
 
-    def _find_pencil(self, rays: Rays) -> Pencil | None:
+    def _find_pencil(self, rays: Rays, any_hit: bool) -> Pencil | None:
         """The pencil that rays form, if there are enough of them."""
         if self.smallest_pencil is None or len(rays) < self.smallest_pencil:
             return None
         if rays.after is not None or rays.departure is not None:
             # What is drawn is settled without a look at what the rays have left behind.
             return None
-        return find_pencil(rays)
+        pencil = find_pencil(rays)
+        return pencil if pencil is not None and self._suits(pencil, any_hit) else None
+
+    def _suits(self, pencil: Pencil, any_hit: bool) -> bool:
+        """True where rays are quicker drawn or projected than by the dense tree: not so where they arrive at a point,
+        or are parallel and anything ends them (shadow rays to a sun)."""
+        leaving = not (pencil.parallel or pencil.arriving)
+        return leaving or (pencil.parallel and not any_hit) or not isinstance(self.offer, DenseOffer)
 
     def _draws(self, pencil: Pencil, any_hit: bool) -> bool:
         """True for rays that leave one point; among a few triangles, shadow rays are quicker projected."""
