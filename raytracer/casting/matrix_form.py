@@ -36,11 +36,11 @@ class MatrixForm:
         count = primitives.geometry.sphere_id
         self.frame = make_frame(*primitives.bounds)
         corners = gather_corners(primitives, np.arange(count)).reshape(3, 3, count).astype(np.float64, copy=False)
+        self.planes = make_planes(corners, self.frame.exponent)  # (t, 8)
         corners = np.ldexp(corners - self.frame.centre[:, np.newaxis], self.frame.exponent)
         pairs = [(corners[1], corners[2]), (corners[2], corners[0]), (corners[0], corners[1])]
         edges = [np.concatenate([cross(p, q), q - p]).T for p, q in pairs]
         self.edges = np.concatenate(edges).astype(np.float32)  # (3 t, 6)
-        self.planes = make_planes(corners)  # (t, 8)
         self.sphere_ids = np.arange(count, primitives.geometry.first_id[-1])
 
     @np.errstate(all="ignore")
@@ -61,7 +61,7 @@ class MatrixForm:
             block = slice(start, min(start + size, len(query.rays)))
             rays = frame_rays(self.frame, query.rays.origins[block], query.rays.directions[block])
             triangle, lane, inside = self._find_pairs(rays.origin, rays.direction)
-            decisions.set_rays(block, *rays)
+            decisions.set_rays(block, rays)
             decisions.take_in(lane + start, triangle, inside)
         decisions.finish(settles=not len(self.sphere_ids))
 
