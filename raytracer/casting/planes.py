@@ -23,7 +23,7 @@ from raytracer.predicates.double_double import two_difference
 from raytracer.predicates.filtered import cross
 from raytracer.predicates.rounding import UNIT_ROUNDOFF
 
-# Rows of 64 bytes: normal, corner, bound, nothing; origin, direction, nothing, start of range.
+# Rows of 64 bytes: normal, corner, bound, share of the query's bound; origin, direction, nothing, start of range.
 PLANE_COLUMNS = LINE_COLUMNS = 8
 # Normals that are off by so many u are computed in pairs where their triangle is of the size of the scene, or by as
 # many more as it is smaller: nearer to its plane than that a ray may start.
@@ -39,13 +39,17 @@ OFFER_PAIRS = 1 << 14
 
 
 def make_planes(corners: Floats, exponent: int) -> Floats:
-    """(t, 8) normal N scaled to a largest component of 1, corner a, a bound e on the roundings that N brings, and 0, of
-    world corners (3, 3, t), in units of 2^-exponent.
+    """(t, 8) normal N scaled to a largest component of 1, corner a, a bound e on the roundings that N brings, and how
+    many times as wide the query's own bound may be, of world corners (3, 3, t), in units of 2^-exponent.
 
     A side is off by u of itself; a component of N, two products of sides of at most s and their difference, by 8 u s^2,
     of which 9 covers the second order. Where that counts, N is computed in pairs: the products are off by 8 u^2 s^2
     each, the difference by as much, and u is added when it is rounded. Scaling adds u; `meet_planes` adds up to
     5 u |N| where it multiplies by N.
+
+    `filtered.intersect_plane_certified`, with sides and normals of float64, is off by at most e_q = u (24 s^2 + 16)
+    where e stands here, and its bound holds as much again. With D above 6 e_q, for else it is not certain, its room is
+    half of D at least: its interval lies within t +- (1 + 4 e_q / e) times the bound.
     """
     planes = np.zeros((corners.shape[2], PLANE_COLUMNS))
     with np.errstate(all="ignore"):
@@ -62,6 +66,7 @@ def make_planes(corners: Floats, exponent: int) -> Floats:
         error[~(size > SMALLEST_NORMAL)] = np.inf
         planes[:, :3] = (normal / size).T
         planes[:, 6] = UNIT_ROUNDOFF * (error + 8)
+        planes[:, 7] = 1 + 4 * (24 * extent * extent / size + 16) / (error + 8)
     return planes
 
 
@@ -181,13 +186,15 @@ class PlaneDecisions:
         planes = np.ascontiguousarray(self.planes.take(triangle, axis=0).T)
         lines = np.ascontiguousarray(self.lines.take(ray, axis=0).T)
         t, bound = meet_planes(planes, lines)
+        # What the query would leave in doubt is left to it: hits found in doubt are measured otherwise.
+        slack = bound if self.query.any_hit else bound * planes[7]
+        inside = inside & (t - slack >= (lines[7] if self.begun is None else self.begun.take(ray)))
+        inside &= t + slack <= self.t_max.take(ray)
         low, high = t - bound, np.add(t, bound, out=t)
         # NaN is neither before nor behind.
         possible = np.flatnonzero(~((high < lines[7]) | (low > self.best.take(ray))))
         ray, low, high = ray.take(possible), low.take(possible), high.take(possible)
-        begun = lines[7].take(possible) if self.begun is None else self.begun.take(ray)
-        certain = inside.take(possible) & (low >= begun) & (high <= self.t_max.take(ray))
-        return ray, triangle.take(possible), low, certain, high
+        return ray, triangle.take(possible), low, inside.take(possible), high
 
     def finish(self, settles: bool = True) -> None:
         """Settle certain candidates that are their rays' only ones, unless there are others that are not here
