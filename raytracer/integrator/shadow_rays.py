@@ -1,6 +1,6 @@
 """Shadow rays: what share of a light's radiance reaches a shading point.
 
-Rays that share the point they end at, or their direction, are cast in calls of their own.
+Rays of all sources are cast together, but for those of which very many share the point they end at.
 """
 
 from __future__ import annotations
@@ -25,6 +25,10 @@ from raytracer.shading.light_path import Depths, LightPath, describe_reflected, 
 from raytracer.shading.materials import MaterialTable, find_transparency
 from raytracer.surfaces.surface import make_surface
 from raytracer.surfaces.surface_tables import SurfaceTables
+
+# So many rays that share a point or a direction are cast in a call of their own: from there on a view from the light
+# costs less than the tree, which shares what it costs between all rays of a call.
+SMALLEST_SHARED = 1 << 16
 
 # The share of light (n, 1) or (n, 3) that shadow rays let through.
 Visibility = Callable[["Shadows"], Floats]
@@ -57,6 +61,7 @@ class ShadowRays:
     row : (k,) int64, of the batch, that they light
     light : (k, 3) float64, what arrives if nothing is in the way
     key : (k,) int32, as in KeyedSamples
+    source : number of the source, whose keys these are
     depths : of the paths
     rays : None where the source throws no shadows
     unstopped, cast_as, chance : as in LightSource
@@ -67,6 +72,7 @@ class ShadowRays:
     key: Keys
     depths: Depths
     rays: Rays | None
+    source: int = 0
     unstopped: bool = False
     cast_as: int = SEEN_BY["shadow"]
     chance: float = 1.0
@@ -75,13 +81,13 @@ class ShadowRays:
 def cast_shadows(visibility: Visibility, shadow_rays: Sequence[ShadowRays]) -> list[Floats]:
     """Return what share of its light each source's rays let through, (k, 1) or (k, 3); 1 where there are no shadows.
 
-    Rays of one key of one source are cast in a call of their own, all others together.
+    Rays of one key of one source are cast in a call of their own if they are many, all others together.
     """
     casting = [of_source for of_source in shadow_rays if of_source.rays is not None and len(of_source.row)]
     seen = None
     if casting:
         shadows = _join_shadows(casting)
-        for rows in _split_by_key(np.concatenate(list(_number_keys(casting)))):
+        for rows in _split_by_key(_number_keys(casting)):
             part = visibility(shadows.select(rows))
             seen = np.empty((len(shadows.rays), part.shape[1])) if seen is None else seen
             seen[rows] = part
@@ -108,24 +114,25 @@ def _join_shadows(sources: Sequence[ShadowRays]) -> Shadows:
     )
 
 
-def _number_keys(sources: Sequence[ShadowRays]) -> Iterator[Keys]:
-    """Yield each source's keys, no key of one like a key of another."""
-    first = 0
-    for of_source in sources:
-        yield np.where(of_source.key == ALONE, ALONE, of_source.key + first).astype(np.int32)
-        first += int(of_source.key.max()) + 1
+def _number_keys(sources: Sequence[ShadowRays]) -> Keys:
+    """Return the keys of all sources' rays, no key of one source like a key of another."""
+    count = 1 + max(int(of_source.key.max()) for of_source in sources)
+    keys = [np.where(of_source.key == ALONE, ALONE, of_source.key + of_source.source * count) for of_source in sources]
+    return np.concatenate(keys).astype(np.int32)
 
 
 def _split_by_key(key: Keys) -> Iterator[Indices | slice]:
-    """Yield the rows of each key."""
-    if not len(key):
-        return
-    if (key == key[0]).all():
+    """Yield the rows of each key that has many, then all others."""
+    counts = np.bincount(key[key != ALONE])
+    many = np.flatnonzero(counts >= SMALLEST_SHARED)
+    if not len(many) or counts.max() == len(key):
         yield slice(None)
         return
-    order = np.argsort(key, kind="stable")
-    ends = np.flatnonzero(np.diff(key[order])) + 1
-    yield from np.split(order, ends)
+    for one in many:
+        yield np.flatnonzero(key == one)
+    others = np.flatnonzero(~np.isin(key, many))
+    if len(others):
+        yield others
 
 
 def opaque_visibility(caster: RayCaster, cast: CastRays | None = None, order: Order | None = None) -> Visibility:

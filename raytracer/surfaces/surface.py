@@ -210,9 +210,25 @@ def spawn_origin(surface: Surface, direction: Floats) -> Floats:
     direction : (n, 3) float64, of the leaving rays
     """
     normal = surface.geometric_normal
-    side = np.where(dot(normal, direction)[:, np.newaxis] >= 0, normal, -normal)
+    side = normal * np.where(dot(normal, direction) >= 0, 1.0, -1.0)[:, np.newaxis]
     moved = surface.position + surface.position_error[:, np.newaxis] * side
-    return np.where(side == 0, moved, np.nextafter(moved, np.copysign(np.inf, side)))
+    return step_towards(moved, side)
+
+
+def step_towards(points: Floats, side: Floats) -> Floats:
+    """Return points (n, 3) with each coordinate moved by one unit in the last place to where `side` (n, 3) points.
+
+    Numbers of one sign are ordered as their bits are: one more is the next one away from zero. That takes a fourth of
+    the time of `nextafter`, which is left for zeros and what is not finite.
+    """
+    bits = points.view(np.int64)
+    step = (bits ^ side.view(np.int64)) >> 63 | 1  # -1 where the signs differ, else 1
+    step *= side != 0
+    stepped = (bits + step).view(np.float64)
+    odd = np.nonzero(~(np.isfinite(points) & (points != 0)) & (side != 0))
+    if len(odd[0]):
+        stepped[odd] = np.nextafter(points[odd], np.copysign(np.inf, side[odd]))
+    return stepped
 
 
 def depart(surface: Surface, direction: Floats, reach: Floats | float = np.inf, target: Floats | None = None) -> Rays:

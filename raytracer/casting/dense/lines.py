@@ -74,7 +74,7 @@ def prepare_rays(frame: Frame, decisions: PlaneDecisions) -> DenseRays:
     for start in range(0, count, BLOCK):
         rows = slice(start, min(start + BLOCK, count))
         framed = frame_rays(frame, rays.origins[rows], rays.directions[rows])
-        decisions.set_rays(rows, *framed)
+        decisions.set_rays(rows, framed)
         _fill(DenseRays(prepared.slabs[rows], prepared.lines[rows], prepared.way[rows]), framed)
     return prepared
 

@@ -101,13 +101,13 @@ def pack_dense_tree(
     for start in range(0, len(items), step):
         part = slice(start, start + step)
         placed = _place(frame, corners, items[part])
-        planes[items[part]] = make_planes(placed.reshape(3, 3, -1)).reshape(*items[part].shape, -1)
+        planes[items[part]] = make_planes(_turn(corners, items[part]), frame.exponent).reshape(*items[part].shape, -1)
         low[part], high[part] = placed.min(axis=(0, 3)).T, placed.max(axis=(0, 3)).T
         edges[part] = pack_edges(placed)
     # Blocks differ in size by one at most.
     edges.reshape(len(items), 3, -1, 6)[count < items.shape[1], :, -1] = np.nan
     placed = _place(frame, corners, large[np.newaxis])
-    planes[large] = make_planes(placed[:, :, 0])
+    planes[large] = make_planes(_turn(corners, large), frame.exponent)
     boxes = np.concatenate([low, -high], axis=1).T.astype(np.float32)
     surface = float(half_surface(boxes).sum() / max(half_surface(boxes.min(axis=1)), SMALLEST_SURFACE))
     levels = _make_levels(low, high)
@@ -128,6 +128,12 @@ def _place(frame: Frame, corners: NDArray, items: NDArray) -> Floats:
     """Corners (3 corners, 3, ...) in the frame of triangles (...)."""
     points = frame.place(corners.take(items.ravel(), axis=0).reshape(-1, 3).astype(np.float64, copy=False))
     return np.ascontiguousarray(points.reshape(-1, 9).T).reshape(3, 3, *items.shape)
+
+
+def _turn(corners: NDArray, items: NDArray) -> Floats:
+    """World corners (3 corners, 3, k) of k triangles."""
+    rows = corners.take(items.ravel(), axis=0).astype(np.float64, copy=False)
+    return np.ascontiguousarray(rows.T).reshape(3, 3, -1)
 
 
 def pack_edges(corners: Floats) -> NDArray[np.float32]:

@@ -56,6 +56,11 @@ class Pencil:
     spread: float = 0.0
     reach: Floats | None = None
 
+    @property
+    def leaving(self) -> bool:
+        """True where the rays leave the point."""
+        return not (self.parallel or self.arriving)
+
 
 @dataclass(frozen=True, eq=False)
 class View:
@@ -89,19 +94,21 @@ class View:
         return SPREADS * self.pencil.spread * float(np.abs(self.matrix).sum(axis=1).max())
 
 
-def find_pencil(rays: Rays) -> Pencil | None:
-    """Return the pencil that rays form, or None: equal origins, equal directions, or equal ends o + t_max d or o + d
-    (shadow rays to a point within a light, which end on the light's surface)."""
+def find_pencil(rays: Rays, parallel: bool = True, arriving: bool = True) -> Pencil | None:
+    """Return the pencil that rays form, or None: equal origins, or, if such are looked for, equal directions or equal
+    ends o + t_max d or o + d (shadow rays to a point within a light, which end on the light's surface)."""
     origins, directions = rays.origins, rays.directions
     if _are_equal(origins):
         return Pencil(origins[0], directions, parallel=False)
-    if _are_equal(directions):
+    if parallel and _are_equal(directions):
         centre = (origins.min(axis=0) + origins.max(axis=0)) / 2
         return Pencil(centre, origins - centre, parallel=True)
-    arriving = _find_arriving(rays, rays.t_max)
-    if arriving is None and (rays.t_max <= 1.0).all():
-        arriving = _find_arriving(rays, np.ones(len(rays)))
-    return arriving
+    if not arriving:
+        return None
+    pencil = _find_arriving(rays, rays.t_max)
+    if pencil is None and (rays.t_max <= 1.0).all():
+        pencil = _find_arriving(rays, np.ones(len(rays)))
+    return pencil
 
 
 def _are_equal(vectors: Floats) -> bool:

@@ -5,6 +5,7 @@ import pytest
 
 import raytracer
 from raytracer.casting.rays import Rays, make_rays
+from raytracer.integrator import loop, shadow_rays
 from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import Settings
@@ -163,7 +164,8 @@ def spy_on(lights, group, world=None, count=64):
     return caster.calls
 
 
-def test_shadow_rays_of_one_point_come_in_one_call_and_end_there():
+def test_many_shadow_rays_of_one_point_come_in_one_call_and_end_there(monkeypatch):
+    monkeypatch.setattr(shadow_rays, "SMALLEST_SHARED", 16)
     group = np.arange(64, dtype=np.uint8) % 4
     point, area = raytracer.PointLight((0, 0, 4), 9), raytracer.AreaLight((1, 1, 4), (1, 0, 0), (0, 1, 0), 9)
     calls = spy_on([point, area, LAMPS["sun"]], group, raytracer.World(0.5))
@@ -173,6 +175,15 @@ def test_shadow_rays_of_one_point_come_in_one_call_and_end_there():
         shares_end = np.isfinite(ends).all() and np.ptp(ends, axis=0).max() <= 8 * np.finfo(float).eps
         shares_direction = (rays.directions == rays.directions[0]).all()
         assert shares_end or shares_direction or len(rays) == 64
+
+
+def test_few_shadow_rays_come_in_one_call(monkeypatch):
+    """Also the parts of a wave, each with rays of its own to the same point."""
+    group = np.arange(64, dtype=np.uint8) % 4
+    assert [len(rays) for rays in spy_on([LAMPS["rectangle"], LAMPS["sun"]], group)] == [2 * 64]
+    monkeypatch.setattr(shadow_rays, "SMALLEST_SHARED", 16)
+    monkeypatch.setattr(loop, "PART_SIZE", 32)
+    assert [len(rays) for rays in spy_on([LAMPS["rectangle"], LAMPS["sun"]], group)] == [16] * 8
 
 
 def test_without_sets_the_rays_of_lamps_with_extent_are_cast_together():

@@ -11,7 +11,7 @@ from raytracer.casting.rays import Hits, make_rays
 from raytracer.integrator.features import derive_features
 from raytracer.lecture import barycentric, dot
 from raytracer.surfaces import surface_tables
-from raytracer.surfaces.surface import make_surface, spawn_origin
+from raytracer.surfaces.surface import make_surface, spawn_origin, step_towards
 from raytracer.surfaces.surface_tables import make_surface_tables
 from tests import meshes
 
@@ -46,6 +46,18 @@ def exact_plane_distance_squared(point, a, b, c):
     n = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]]
     height = sum((x - y) * z for x, y, z in zip(p, a, n, strict=True))
     return height * height / sum(x * x for x in n)
+
+
+def test_steps_are_those_of_nextafter(rng):
+    """Also from zero, from the largest number and from what is none, to either side or to none."""
+    special = [0.0, -0.0, 5e-324, -5e-324, 2.0**-1022, 1.0, -1.0, np.finfo(float).max, -np.finfo(float).max]
+    points = np.concatenate([[*special, np.inf, -np.inf], rng.normal(size=19) * 10.0 ** rng.uniform(-300, 300, 19)])
+    points = np.repeat(points, 4).reshape(-1, 3)
+    side = np.tile([1e-3, -7.0, 0.0, -0.0], points.size // 4).reshape(-1, 3)
+    with np.errstate(over="ignore", under="ignore"):
+        expected = np.where(side == 0, points, np.nextafter(points, np.copysign(np.inf, side)))
+    np.testing.assert_array_equal(step_towards(points, side), expected)
+    assert (expected != points).sum() >= points.size / 2 - 2
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e3, 1e6, 1e9])

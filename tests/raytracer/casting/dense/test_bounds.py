@@ -29,7 +29,7 @@ def prepare(frame, origins, directions):
     unit = np.empty(len(origins))
     decisions = SimpleNamespace(
         query=SimpleNamespace(rays=make_rays(origins, directions)),
-        set_rays=lambda rows, origin, direction, part: unit.__setitem__(rows, part),
+        set_rays=lambda rows, framed: unit.__setitem__(rows, framed.unit),
     )
     with np.errstate(all="ignore"):
         return prepare_rays(frame, decisions), unit

@@ -141,6 +141,28 @@ def test_float64_and_float32_casters_draw_too(rng):
         np.testing.assert_array_equal(hits.distance, true.distance)
 
 
+@pytest.mark.parametrize(
+    ("subdivisions", "drawn"),
+    [(1, {"closest leaving"}), (3, {"closest leaving", "any leaving", "closest parallel"})],
+)
+def test_pencils_are_drawn_or_projected_where_that_is_quicker(rng, subdivisions, drawn):
+    """Among a few triangles the matrix form, among many the dense tree takes the others."""
+    caster = replace(raytracer.build(mesh_scene(meshes.make_icosphere(subdivisions))), smallest_pencil=64)
+    points, other = rng.normal(size=(300, 3)) + 5.0, np.tile((0.1, 0.2, 0.3), (300, 1))
+    pencils = {
+        "leaving": make_rays(other, points),
+        "arriving": make_rays(points, other - points, 0.0, 1.0),
+        "parallel": make_rays(points, other),
+    }
+    found = {
+        f"{'any' if any_hit else 'closest'} {name}"
+        for name, rays in pencils.items()
+        for any_hit in (False, True)
+        if all(offer is not caster.offer for _, offer in caster._plan(rays, any_hit))
+    }
+    assert found == drawn
+
+
 def test_limits_are_below_the_nearness_of_hits_within_range_and_close_to_it(rng):
     step, t = np.exp(rng.normal(size=(2, 10000)) * 5)
     limit, true = limit_nearness(step, t).astype(np.longdouble), 1 / (step.astype(np.longdouble) * t)
