@@ -60,8 +60,8 @@ _Components = tuple[Floats, Floats, Floats]
 
 def _find_frame(x: Floats, y: Floats, z: Floats) -> tuple[_Components, _Components]:
     """Return the components of both vectors of `make_frame` for those (n,) of normals."""
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
+    sign: Floats = np.copysign(1.0, z)
+    a: Floats = -1.0 / (sign + z)
     b = x * y * a
     return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
 
