@@ -25,7 +25,7 @@ def quad(x, y, size, height, material):
     return raytracer.Mesh(corners, [(0, 1, 2), (0, 2, 3)], material=material)
 
 
-def make_scene(lights, **instances):
+def make_scene(lights, materials=MATERIALS, **instances):
     """A hall of 12 m, of four materials' floors and a screen that throws shadows, seen from above."""
     meshes = [
         quad(-6, -6, 6, 0, 0),
@@ -38,7 +38,7 @@ def make_scene(lights, **instances):
     matrix[2, 3] = 9.0
     placed = raytracer.Instances(np.arange(len(meshes)), np.tile(np.eye(4), (len(meshes), 1, 1)), **instances)
     camera = raytracer.Camera(matrix, projection="orthographic", ortho_scale=11.0)
-    return raytracer.Scene(meshes=meshes, instances=placed, materials=MATERIALS, lights=lights, camera=camera)
+    return raytracer.Scene(meshes=meshes, instances=placed, materials=materials, lights=lights, camera=camera)
 
 
 def make_light(kind, x, y, z, power):
@@ -80,6 +80,14 @@ def assert_same_light(scene, monkeypatch, seeds=10, tiles=4, **settings):
 def test_lights_picked_send_as_much_as_all_of_them(monkeypatch, integrator):
     """Matt and glossy floors, which meet the lights as well, and one that light comes through from below."""
     assert_same_light(make_scene(make_lights()), monkeypatch, integrator=integrator)
+
+
+def test_rays_that_meet_lights_leave_to_them_what_picking_does_not_bring(monkeypatch):
+    """Large balls over polished floors, few of which are picked: half of their light is met by reflected rays."""
+    monkeypatch.setattr(picked_lights, "PICKS", 2)
+    lights = [replace(light, radius=0.8) for light in make_lights(160) if type(light) is raytracer.PointLight]
+    scene = make_scene(lights, materials=[Material((Closure("glossy", color=0.9, roughness=0.35),))] * 3)
+    assert_same_light(scene, monkeypatch)
 
 
 def test_lights_picked_keep_to_links_visibility_and_shadows(monkeypatch):
