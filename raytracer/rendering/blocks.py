@@ -33,11 +33,16 @@ BLOCK_SECONDS = 1.0
 
 
 # Camera rays; with fewer at a time NumPy's calls cost more than its arithmetic in the later waves of mirrors and glass.
+# Blocks have this many until the pace is known, and the smallest where it is slow. Of scenes with mirrors and glass 2^18
+# take 4 to 15% less time than twice 2^17.
+USUAL_BLOCK = 1 << 18
 SMALLEST_BLOCK = 1 << 17
 # Any ray: what a caster builds when it is first asked, it builds for this one.
 RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-# Camera rays of the first blocks, doubled until they are as large: a sign of progress, and of the pace, comes early.
+# Camera rays of the first blocks of long work, doubled until they are as large: a sign of progress, and of the pace,
+# comes early. Of 2^18 rays in all, such a start takes 20 to 40% of the time.
 FIRST_BLOCK = 1 << 14
+LONG_WORK = 1 << 20
 # What a worker takes at least of a picture that has too little work for all.
 SMALLEST_SHARE = 1 << 12
 
@@ -156,11 +161,11 @@ class BlockPlan:
         self._workers = workers
         self._done = (done, ahead)
         self._largest = largest
-        self._size = min(largest, SMALLEST_BLOCK)
+        self._size = min(largest, USUAL_BLOCK)
 
     def __iter__(self) -> Iterator[Block]:
         sample, start = self._done
-        first = FIRST_BLOCK
+        first = FIRST_BLOCK if self.pixels * self.sweeps > LONG_WORK else USUAL_BLOCK
         while sample < self.sweeps:
             size, first = min(self._size, first, self._share(sample, start)), 2 * first
             rest = self.pixels - start

@@ -321,7 +321,12 @@ def test_plan_cuts_what_is_left_of_a_pass_evenly():
     for block in plan:
         sizes.append(block.stop - block.start)
         plan.observe(make_result(block, 1e-6 * sizes[-1]))
-    assert sizes == [14_000, 28_000, 28_000] + [35_000] * 4
+    assert sizes == [35_000] * 6
+
+
+def test_plan_of_short_work_takes_it_whole():
+    """A start with small blocks pays where the work is long."""
+    assert [block.samples for block in BlockPlan(pixels=10_000, sweeps=26, largest=2**18)] == [26]
 
 
 def test_plan_learns_nothing_from_the_short_rest_of_a_pass():
