@@ -133,7 +133,7 @@ class PickedLight(LightSource):
         computed = self.group.computed.get(light)
         if computed is None:
             return samples
-        return vary_samples(computed, position, None if points.bounces is None else points.bounces[rows], samples)
+        return vary_samples(computed, position, points.depths.select(rows), samples)
 
 
 def make_no_samples(count: int) -> LightSamples:

@@ -9,7 +9,9 @@ import raytracer
 from raytracer.integrator import loop, picked_lights
 from raytracer.rendering.render import render
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
+from raytracer.scene.lights import LightNodes
 from raytracer.scene.materials import Closure, Material
+from raytracer.scene.programs import Program, Register, Step
 from tests.forbidding import forbid
 
 MATERIALS = [
@@ -96,6 +98,15 @@ def test_lights_picked_keep_to_links_visibility_and_shadows(monkeypatch):
     lights[40:] = [replace(light, seen_by=hidden, cast_shadow=False) for light in lights[40:]]
     scene = make_scene(lights, light_set=[0, 1, 0, 1, 0])
     assert_same_light(scene, monkeypatch)
+
+
+def test_lights_picked_keep_their_nodes(monkeypatch):
+    """A third of them falls off with the distance itself, not with its square."""
+    number = Step("LIGHT_FALLOFF Linear", (0.5, 0.0))
+    program = Program([number, Step("number to vector", (Register(0, "Linear"),))])
+    nodes = LightNodes(Register(1, "Value"), program, raytracer.Instances([0], [np.eye(4)]))
+    lights = [replace(light, nodes=None if number % 3 else nodes) for number, light in enumerate(make_lights())]
+    assert_same_light(make_scene(lights), monkeypatch)
 
 
 def test_few_lights_are_all_aimed_at(monkeypatch):
