@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Booleans, Masks
 from raytracer.casting.ray_visibility import CastRays, RayCaster, SceneCaster, make_cast
 from raytracer.casting.subset_caster import SubsetCaster
-from raytracer.film.passes import PASSES
+from raytracer.film.passes import PASSES, select_passes
 from raytracer.integrator.features import Features, derive_features
 from raytracer.integrator.light_sources import (
     EmissiveGeometry,
@@ -165,7 +165,7 @@ def asks_for_light(settings: Settings) -> bool:
 
 def catches_shadows(features: Features, settings: Settings) -> bool:
     """True where shadow catchers change the picture."""
-    return features.shadow_catchers and "Combined" in settings.passes
+    return features.shadow_catchers and "Combined" in select_passes(settings.passes, from_centre=False)
 
 
 def _compose(

@@ -17,6 +17,7 @@ from raytracer.arrays.types import Booleans, Counts, Floats
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
 from raytracer.casting.rays import Hits, Rays
+from raytracer.film.passes import LENGTH
 from raytracer.integrator.bounces import CERTAIN_BOUNCES, classify_rays, find_ended, survival_probability
 from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
 from raytracer.integrator.contributions import (
@@ -66,6 +67,8 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples) -> dict[str
     follow(integrator, passes, start_paths(rays), Sampler(samples, share_samples(samples), 0))
     finish_alpha(integrator, passes)
     finish_caught(passes)
+    if passes.lengths is not None:
+        passes.values[LENGTH] = passes.lengths[:, np.newaxis]
     if passes.unshadowed is not None:
         passes.values["Shadow"] = divide_shadow(passes.values["Shadow"], passes.unshadowed)
     return passes.values
@@ -74,6 +77,8 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples) -> dict[str
 def follow(integrator: Integrator, passes: PathPasses, paths: Paths, sampler: Sampler) -> None:
     """Follow paths wave by wave until all have ended."""
     while len(paths):
+        if passes.lengths is not None:
+            passes.lengths[paths.row] += 1.0
         hits = integrator.cast(paths.rays, classify_rays(paths.kind))
         for stage in ALONG_RAYS:
             stage(integrator, passes, paths, hits)

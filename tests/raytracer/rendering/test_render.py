@@ -15,6 +15,7 @@ from raytracer.processes.workers import Workers
 from raytracer.rendering import blocks
 from raytracer.rendering import render as render_module
 from raytracer.rendering.blocks import FIRST_BLOCK, SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_window
+from raytracer.rendering.ending import Ending
 from raytracer.rendering.render import render
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.camera import Camera
@@ -348,7 +349,7 @@ def test_a_block_of_chosen_pixels_sees_what_the_run_sees():
     np.testing.assert_array_equal(some.centre_values["Depth"], whole.centre_values["Depth"][chosen])
     films = [Film(WIDTH, HEIGHT, settings.passes) for _ in range(2)]
     for film, result in zip(films, (whole, some), strict=True):
-        render_module.add_result(film, result)
+        render_module.add_result(film, result, Ending(settings, 4, started=0.0), ends_sweep=False)
     flat = [film["Combined"][::-1].reshape(-1, 4) for film in films]
     np.testing.assert_array_equal(flat[1][chosen], flat[0][chosen])
     assert not np.delete(flat[1], chosen, axis=0).any()
