@@ -236,7 +236,17 @@ def settings_keywords(scene: Any) -> dict[str, Any]:
         "pixel_filter": settings.pixel_filter.lower(),
         "filter_width": settings.filter_width,
         "transparent": scene.render.film_transparent,
+        **({"mist": read_mist(scene.world.mist_settings)} if scene.world else {}),
     }
+
+
+# The power of the distance by which mist thickens.
+MIST_POWERS = {"QUADRATIC": 2.0, "LINEAR": 1.0, "INVERSE_QUADRATIC": 0.5}
+
+
+def read_mist(settings: Any) -> tuple[float, float, float]:
+    """Return start, depth and power of a world's mist."""
+    return settings.start, settings.depth, MIST_POWERS[settings.falloff]
 
 
 def register() -> None:

@@ -195,6 +195,8 @@ class Film:
         """Return what is seen of a pass, (n, channels), by its mean."""
         if name == "Combined" and self.catches:
             return show_shadows(average(name), average(CAUGHT))
+        if PASSES[name].color:
+            return divide_by_color(average(name), average(PASSES[name].color))
         return average(name)
 
     def _average(self, name: str, pixels: slice) -> Floats:
@@ -267,6 +269,21 @@ class Film:
         for _ in range(SHARED):
             scatter = share_with_neighbors(scatter)
         return np.sqrt(scatter.ravel() / np.maximum(counts, 0.5))
+
+
+def divide_by_color(light: Floats, color: Floats) -> Floats:
+    """Return light (n, 3) over the color (n, 3) of the surfaces that have sent it.
+
+    A channel in which they send nothing gets what the others have on average, so that the light stays grey.
+
+    References
+    ----------
+    Blender, intern/cycles/util/color.h: safe_divide_even_color.
+    """
+    known = color != 0
+    quotient = np.divide(light, color, out=np.zeros_like(light), where=known)
+    mean = quotient.sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), 1)
+    return np.where(known, quotient, mean)
 
 
 def show_shadows(combined: Floats, caught: Floats) -> Floats:

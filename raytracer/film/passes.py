@@ -19,6 +19,7 @@ class Pass:
     miss : what each channel holds where that ray hits nothing
     needs_light : True where it takes more than the first surface to know it
     is_derived : True where it is no path's to say: it tells of the samples of other passes
+    color : the pass of a surface's color that this one, of light, is divided by
     is_index : True where values are names of things, of which no two can be averaged or compared by size
     """
 
@@ -27,7 +28,17 @@ class Pass:
     miss: float = 0.0
     needs_light: bool = False
     is_derived: bool = False
+    color: str = ""
     is_index: bool = False
+
+
+# The parts of a BSDF that light is split by.
+LIGHT_PARTS = ("Diffuse", "Glossy", "Transmission")
+
+
+def light_pass(part: str, way: str) -> str:
+    """Return the name of the pass of a part: way is 'Direct', 'Indirect' or 'Color'."""
+    return f"{part} {way}"
 
 
 PASSES = {
@@ -38,7 +49,14 @@ PASSES = {
     "UV": Pass(3),  # u, v, 1; 0 on what has no uvs
     "Object Index": Pass(1, from_centre=True, is_index=True),
     "Material Index": Pass(1, from_centre=True, is_index=True),
-    "Diffuse Color": Pass(3, needs_light=True),
+    **{light_pass(part, "Color"): Pass(3, needs_light=True) for part in LIGHT_PARTS},
+    **{
+        light_pass(part, way): Pass(3, needs_light=True, color=light_pass(part, "Color"))
+        for part in LIGHT_PARTS
+        for way in ("Direct", "Indirect")
+    },
+    "Environment": Pass(3, needs_light=True),  # the world as it is seen straight
+    "Mist": Pass(1, miss=1.0),  # 0 near the camera to 1 in the distance
     "Emission": Pass(3, needs_light=True),
     "Shadow": Pass(3, needs_light=True),  # share of the direct light that reaches the surface
     "Error": Pass(1, needs_light=True, is_derived=True),  # standard error of Combined, the root mean square of R, G, B
@@ -66,5 +84,7 @@ def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
     >>> select_passes(["Depth", "Error", "Normal"], from_centre=False)
     ('Combined', 'Normal')
     """
-    made_of = dict.fromkeys("Combined" if name == "Error" else name for name in names)
+    made_of: dict[str, None] = {}
+    for name in names:
+        made_of |= dict.fromkeys(("Combined" if name == "Error" else name, *filter(None, (PASSES[name].color,))))
     return tuple(name for name in made_of if PASSES[name].from_centre == from_centre and not PASSES[name].is_derived)

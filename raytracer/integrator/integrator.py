@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Booleans, Masks
+from raytracer.arrays.types import Booleans, Masks, Vectors
 from raytracer.casting.ray_visibility import CastRays, RayCaster, SceneCaster, make_cast
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.passes import PASSES, select_passes
@@ -59,6 +59,7 @@ class Integrator:
     sources : one for each source of light that surfaces are lit by
     visible_lights : lights that a reflected ray can meet
     light_nodes : what evaluates the nodes of lights that have any
+    eye : (3,) where the camera's rays come from; None without a camera, or of an orthographic one
     counts_bounces : True where a light asks how many bounces led to what it lights
     visible_groups : many lights likewise
     emitters : None where nothing is emissive
@@ -104,6 +105,7 @@ class Integrator:
     light_nodes: Mapping[Light, ComputedLight] = field(default_factory=dict)
     counts_bounces: bool = False
     visible_groups: tuple[LightGroup, ...] = ()
+    eye: Vectors | None = None
 
 
 def prepare(
@@ -236,6 +238,7 @@ def _compose(
         visible_lights=visible_lights,
         light_nodes=computed,
         counts_bounces=features.light_bounces,
+        eye=find_eye(scene),
         emitters=emitters,
         background=background,
         visibility=visibility,
@@ -254,6 +257,13 @@ def _compose(
         or any(reads_light_path(light.nodes.program) for light in computed.values()),
         terminator=terminator,
     )
+
+
+def find_eye(scene: Scene) -> Vectors | None:
+    """Return the point (3,) that a camera's rays come from; None where there is none."""
+    if scene.camera is None or scene.camera.projection == "orthographic":
+        return None
+    return scene.camera.world_from_camera[:3, 3]
 
 
 def _link_lights(scene: Scene) -> LightLinks:
