@@ -26,7 +26,17 @@ from raytracer.film.error import (
     square_errors,
     weigh_difference,
 )
-from raytracer.film.passes import CAUGHT, LENGTH, PASSES, STORED, select_passes
+from raytracer.film.mattes import add_tables, sort_slots
+from raytracer.film.passes import (
+    CAUGHT,
+    LENGTH,
+    PASSES,
+    STORED,
+    matte_pass,
+    matte_table,
+    select_mattes,
+    select_passes,
+)
 from raytracer.film.picture_key import PictureKey
 
 # In `Film.arrays`, what is after the name of a pass whose sum is that of the second replication alone.
@@ -114,12 +124,15 @@ class Film:
 
     def __post_init__(self) -> None:
         pixels = self.width * self.height
-        self._means = select_passes(self.names, from_centre=False) + ((CAUGHT,) if self.catches else ())
+        sampled = select_passes(self.names, from_centre=False)
+        self._means = tuple(name for name in sampled if not PASSES[name].matte) + ((CAUGHT,) if self.catches else ())
         # Adaptive, a pixel is the mean of both replications' means; else only the error needs them apart.
         self._seconds = tuple(name for name in self._means if self.pilot or name in ("Combined", CAUGHT))
         stored = (*self._means, *select_passes(self.names, from_centre=True))
         self.arrays = {name: np.zeros((pixels, STORED[name].channels)) for name in stored}
         self.arrays |= {name + SECOND: np.zeros_like(self.arrays[name]) for name in self._seconds}
+        self._mattes = select_mattes(self.names)
+        self.arrays |= {matte_table(kind): np.zeros((pixels, 2 * slots)) for kind, slots in self._mattes.items()}
         self.arrays["Sample Count"] = np.zeros((pixels, 2), dtype=np.int32)
         if self.pilot:
             self.arrays[PILOT] = np.zeros((pixels, 2 * 3))
@@ -140,6 +153,8 @@ class Film:
             self._note_pilot(pixels, values, replication)
         sums = [(name, values[name]) for name in self._means]
         sums += [(name + SECOND, values[name]) for name in self._seconds if replication]
+        for kind in self._mattes:
+            self._add_matte(matte_table(kind), pixels, values[matte_table(kind)], repeated)
         counts = self.arrays["Sample Count"][:, replication]
         if repeated:
             assert not isinstance(pixels, slice)
@@ -150,6 +165,15 @@ class Film:
         for name, added in sums:
             self.arrays[name][pixels] += added
         counts[pixels] += 1
+
+    def _add_matte(self, name: str, pixels: slice | Indices, values: Floats, repeated: bool) -> None:
+        rows = np.arange(len(self.arrays[name]))[pixels]
+        while len(rows):
+            first = np.unique(rows, return_index=True)[1] if repeated else slice(None)
+            add_tables(self.arrays[name], rows[first], values[first])
+            if not repeated:
+                return
+            rows, values = np.delete(rows, first), np.delete(values, first, axis=0)
 
     def _note_pilot(self, pixels: slice | Indices, values: Mapping[str, Floats], replication: int) -> None:
         """Add what tells how samples scatter."""
@@ -189,7 +213,18 @@ class Film:
             return self.arrays[name][pixels].sum(axis=1, keepdims=True, dtype=np.float64)
         if PASSES[name].from_centre:
             return self.arrays[name][pixels]
+        if PASSES[name].matte:
+            return self._read_matte(name, pixels)
         return self._show(name, lambda stored: self._average(stored, pixels))
+
+    def _read_matte(self, name: str, pixels: slice) -> Floats:
+        """Return two slots (n, 4) of each pixel's table, hash and share of its samples in turn."""
+        kind = PASSES[name].matte
+        table = sort_slots(self.arrays[matte_table(kind)][pixels])
+        first = 4 * int(name.removeprefix(matte_pass(kind, 0)[:-2]))
+        shown = table[:, first : first + 4].copy()
+        shown[:, 1::2] /= np.maximum(self.arrays["Sample Count"][pixels].sum(axis=1, keepdims=True), 1)
+        return shown
 
     def _show(self, name: str, average: Callable[[str], Floats]) -> Floats:
         """Return what is seen of a pass, (n, channels), by its mean."""

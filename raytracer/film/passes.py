@@ -20,6 +20,7 @@ class Pass:
     needs_light : True where it takes more than the first surface to know it
     is_derived : True where it is no path's to say: it tells of the samples of other passes
     color : the pass of a surface's color that this one, of light, is divided by
+    matte : one of MATTES, whose table of coverage this pass shows two slots of
     is_index : True where values are names of things, of which no two can be averaged or compared by size
     """
 
@@ -29,6 +30,7 @@ class Pass:
     needs_light: bool = False
     is_derived: bool = False
     color: str = ""
+    matte: str = ""
     is_index: bool = False
 
 
@@ -39,6 +41,16 @@ LIGHT_PARTS = ("Diffuse", "Glossy", "Transmission")
 def light_pass(part: str, way: str) -> str:
     """Return the name of the pass of a part: way is 'Direct', 'Indirect' or 'Color'."""
     return f"{part} {way}"
+
+
+# What Cryptomatte tells apart, and the most passes of each.
+MATTES = ("Object", "Material", "Asset")
+MOST_MATTES = 8
+
+
+def matte_pass(kind: str, number: int) -> str:
+    """Return the name of a pass of Cryptomatte: the things that cover most are in number 0, two in each."""
+    return f"Crypto{kind}{number:02}"
 
 
 PASSES = {
@@ -57,6 +69,7 @@ PASSES = {
     },
     "Environment": Pass(3, needs_light=True),  # the world as it is seen straight
     "Mist": Pass(1, miss=1.0),  # 0 near the camera to 1 in the distance
+    **{matte_pass(kind, number): Pass(4, matte=kind) for kind in MATTES for number in range(MOST_MATTES)},
     "Emission": Pass(3, needs_light=True),
     "Shadow": Pass(3, needs_light=True),  # share of the direct light that reaches the surface
     "Error": Pass(1, needs_light=True, is_derived=True),  # standard error of Combined, the root mean square of R, G, B
@@ -88,3 +101,24 @@ def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
     for name in names:
         made_of |= dict.fromkeys(("Combined" if name == "Error" else name, *filter(None, (PASSES[name].color,))))
     return tuple(name for name in made_of if PASSES[name].from_centre == from_centre and not PASSES[name].is_derived)
+
+
+def select_mattes(names: Iterable[str]) -> dict[str, int]:
+    """Return how many slots the tables of Cryptomatte hold for passes, by kind; none for kinds that are not asked for.
+
+    Examples
+    --------
+    >>> select_mattes(["CryptoObject00", "CryptoObject01", "Depth"])
+    {'Object': 4}
+    """
+    slots: dict[str, int] = {}
+    for name in names:
+        kind = PASSES[name].matte
+        if kind:
+            slots[kind] = max(slots.get(kind, 0), 2 * int(name.removeprefix(f"Crypto{kind}")) + 2)
+    return slots
+
+
+def matte_table(kind: str) -> str:
+    """Return the name of the table of a kind among what a film holds."""
+    return f"Cryptomatte {kind}"

@@ -14,6 +14,8 @@ from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.bsdfs.bounce_kinds import describe_kinds
 from raytracer.bsdfs.lobe_colors import sum_lobe_colors
 from raytracer.casting.rays import Hits
+from raytracer.film.mattes import add_coverage
+from raytracer.film.passes import matte_table
 from raytracer.integrator.bounces import meet_lights
 from raytracer.integrator.clamping import clamp_met
 from raytracer.integrator.integrator import Integrator
@@ -154,6 +156,10 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     if len(direct) and ("Glossy Color" in passes.values or "Transmission Color" in passes.values):
         for name, color in zip(("Glossy Color", "Transmission Color"), sum_lobe_colors(shading), strict=True):
             passes.add(name, paths.row[direct], (paths.throughput * color)[direct])
+    for kind, identity in integrator.mattes.items():
+        seen = surface.material if kind == "Material" else surface.instance
+        share = mean_column(paths.throughput[direct]) * (1.0 - mean_column(shading.transparency[direct]))
+        add_coverage(passes.values[matte_table(kind)], paths.row[direct], identity[seen[direct]], share)
     if "Mist" in passes.values:
         add_mist(integrator, passes, wave, direct)
     rows = direct[~passes.found[paths.row[direct]]]

@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 LIGHT = tuple(light_pass(part, way) for part in LIGHT_PARTS for way in ("Direct", "Indirect", "Color"))
 NAMES = ("Combined", *LIGHT, "Environment", "Emission", "Mist")
 BATCHES = 6
-# Standard errors that two means may be apart: of ten degrees of freedom, with these seeds, less than half of it is seen.
+# Standard errors, known with ten degrees of freedom, that two means may be apart.
 APART = 4.0
 # Shares of Combined's mean, of which differences are told: what is less is noise of nothing.
 LEAST = 1e-6

@@ -126,6 +126,9 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
         def write(self, passes: Any) -> None:
             asked["passes"] = passes
 
+        def note(self, fields: Any) -> None:
+            assert not list(fields)
+
     def render(scene: Any, width: int, height: int, **settings: Any) -> Any:
         asked.update(settings)
         return SimpleNamespace(passes={}, statistics=SimpleNamespace())
