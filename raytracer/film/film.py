@@ -90,6 +90,7 @@ class Film:
         is all of it
     key : what decides the picture's bits; None where a film is no part of a picture
     label : what sentences call it, the path of the file that it came from
+    exposure : factor of all light where it is shown
     arrays : all that a film holds, by name, (pixels, channels); pixels are numbered along rows from the LOWER left, as
         the camera counts. The sums of passes that are means and the values of the others, float64; 'Sample Count',
         (pixels, 2) int32, of both replications
@@ -119,6 +120,7 @@ class Film:
     border: tuple[int, int, int, int] | None = None
     key: PictureKey | None = None
     label: str = ""
+    exposure: float = 1.0
     statistics: Statistics = field(default_factory=Statistics)
     arrays: dict[str, NDArray[Any]] = field(init=False)
 
@@ -204,6 +206,8 @@ class Film:
         for row in range(self.height):  # a row at a time: a large film leaves no room for a second one in float64
             pixels = slice(row * self.width, (row + 1) * self.width)
             values = self._read(name, pixels) if errors is None else errors[pixels, np.newaxis]
+            if PASSES[name].exposed and self.exposure != 1.0:
+                values = values * np.where(np.arange(values.shape[1]) < 3, self.exposure, 1.0)  # alpha is no light
             picture[self.height - 1 - row] = np.clip(values, -LARGEST, LARGEST)  # float32 has no more
         return picture
 

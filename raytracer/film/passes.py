@@ -20,6 +20,7 @@ class Pass:
     needs_light : True where it takes more than the first surface to know it
     is_derived : True where it is no path's to say: it tells of the samples of other passes
     color : the pass of a surface's color that this one, of light, is divided by
+    exposed : True for light, which the film's exposure makes brighter
     matte : one of MATTES, whose table of coverage this pass shows two slots of
     is_index : True where values are names of things, of which no two can be averaged or compared by size
     """
@@ -30,6 +31,7 @@ class Pass:
     needs_light: bool = False
     is_derived: bool = False
     color: str = ""
+    exposed: bool = False
     matte: str = ""
     is_index: bool = False
 
@@ -54,7 +56,7 @@ def matte_pass(kind: str, number: int) -> str:
 
 
 PASSES = {
-    "Combined": Pass(4, needs_light=True),  # linear RGB, already multiplied by alpha (premultiplied)
+    "Combined": Pass(4, needs_light=True, exposed=True),  # linear RGB, already multiplied by alpha (premultiplied)
     "Depth": Pass(1, from_centre=True, miss=1e10),  # metres along the camera's viewing axis
     "Position": Pass(3, from_centre=True),  # metres, world
     "Normal": Pass(3),  # shading normal, world, towards the ray
@@ -63,16 +65,18 @@ PASSES = {
     "Material Index": Pass(1, from_centre=True, is_index=True),
     **{light_pass(part, "Color"): Pass(3, needs_light=True) for part in LIGHT_PARTS},
     **{
-        light_pass(part, way): Pass(3, needs_light=True, color=light_pass(part, "Color"))
+        light_pass(part, way): Pass(3, needs_light=True, color=light_pass(part, "Color"), exposed=True)
         for part in LIGHT_PARTS
         for way in ("Direct", "Indirect")
     },
-    "Environment": Pass(3, needs_light=True),  # the world as it is seen straight
+    "Environment": Pass(3, needs_light=True, exposed=True),  # the world as it is seen straight
     "Mist": Pass(1, miss=1.0),  # 0 near the camera to 1 in the distance
     **{matte_pass(kind, number): Pass(4, matte=kind) for kind in MATTES for number in range(MOST_MATTES)},
-    "Emission": Pass(3, needs_light=True),
+    "Emission": Pass(3, needs_light=True, exposed=True),
     "Shadow": Pass(3, needs_light=True),  # share of the direct light that reaches the surface
-    "Error": Pass(1, needs_light=True, is_derived=True),  # standard error of Combined, the root mean square of R, G, B
+    "Error": Pass(
+        1, needs_light=True, is_derived=True, exposed=True
+    ),  # standard error of Combined, the root mean square of R, G, B
     "Sample Count": Pass(1, is_derived=True),
 }
 

@@ -68,6 +68,7 @@ class Settings:
     workers : processes that trace; 1 traces in this process
     mist : metres from the camera where the Mist pass starts, metres from there until it hides everything, and the power
         by which it thickens
+    exposure : factor of all light in the picture; clamping comes before it
     transparent : True leaves the background out of the picture, alpha 0
     pixel_filter : 'blackman_harris' or 'box'
     filter_width : pixels; the radius of Blackman-Harris (as Blender counts it), the whole side of the box; 0 samples
@@ -99,6 +100,7 @@ class Settings:
     precision: str = "certified"
     workers: int = 1
     mist: tuple[float, float, float] = (5.0, 25.0, 2.0)
+    exposure: float = 1.0
     transparent: bool = False
     pixel_filter: str = "blackman_harris"
     filter_width: float | None = None
@@ -127,7 +129,7 @@ class Settings:
             ("block_size", 1, None),
         ):
             object.__setattr__(self, name, check_integer(getattr(self, name), low, high, f"Settings: {name}"))
-        for name in ("clamp_direct", "clamp_indirect", "filter_glossy"):
+        for name in ("clamp_direct", "clamp_indirect", "filter_glossy", "exposure"):
             object.__setattr__(self, name, _check_number(getattr(self, name), f"Settings: {name}"))
         for name in ("error", "seconds"):
             object.__setattr__(self, name, _check_limit(getattr(self, name), f"Settings: {name}"))

@@ -168,6 +168,7 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         **limits,
         **{name: request.taming.get(name, 0.0) for name in TAMING},
         "workers": 1,
+        "exposure": 1.0,
         "pixel_filter": request.pixel_filter,
         "filter_width": request.filter_width,
     }

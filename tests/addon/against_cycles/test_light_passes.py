@@ -6,7 +6,8 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.compare.cycles.rendering import Request, render_both
+from addon.compare.cycles.rendering import CYCLES, Request, matched_settings, render_batches, render_both
+from addon.properties import ENGINE
 from raytracer.film.passes import LIGHT_PARTS, light_pass
 from tests.folders import ROOT
 
@@ -48,3 +49,24 @@ def test_light_passes_of_both_add_up_to_combined(name: str) -> None:
             light = side.passes[light_pass(part, "Direct")].astype(float) + side.passes[light_pass(part, "Indirect")]
             total += light * side.passes[light_pass(part, "Color")]
         np.testing.assert_allclose(total, side.passes["Combined"][..., :3], rtol=1e-5, atol=2e-6)
+
+
+def test_exposure_makes_the_passes_brighter_that_it_does_in_cycles() -> None:
+    bpy.ops.wm.open_mainfile(filepath=str(ROOT / "blend_scenes" / "materials.blend"), load_ui=False)
+    scene = bpy.context.scene
+    request = Request(24, 16, 8, 8, passes=(*NAMES, "Normal"), integrator="PATH")
+    factors = []
+    for settings, engine, name in (
+        (scene.reference_raytracer, ENGINE, "exposure"),
+        (scene.cycles, CYCLES, "film_exposure"),
+    ):
+        with matched_settings(scene, scene.view_layers[0], request):
+            plain = render_batches(scene, scene.view_layers[0], engine, request).passes
+            setattr(settings, name, 2.0)
+            bright = render_batches(scene, scene.view_layers[0], engine, request).passes
+        lit = [one for one in request.passes if plain[one].any()]
+        factors.append({one: bright[one][..., :3].mean() / plain[one][..., :3].mean() for one in lit})
+    ours, cycles = factors
+    assert len(set(ours) & set(cycles)) > 8
+    for name in set(ours) & set(cycles):
+        assert ours[name] == pytest.approx(cycles[name], rel=1e-3), name

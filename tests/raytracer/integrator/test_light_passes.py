@@ -179,3 +179,14 @@ def test_a_pass_of_light_keeps_the_color_that_it_is_divided_by() -> None:
 def test_bad_mist_is_refused_by_name(mist: Any) -> None:
     with pytest.raises(ValueError, match=r"^Settings: mist: expected"):
         raytracer.Settings(mist=mist)
+
+
+def test_exposure_is_a_factor_of_light_alone() -> None:
+    scene = make_scene(**LIGHTS["mesh and world"])
+    names = (*ALL, "Normal", "Shadow", "Error")
+    plain, bright = (raytracer.render(scene, 12, 8, 4, passes=names, exposure=factor) for factor in (1.0, 2.5))
+    for name in names:
+        factor = np.where(np.arange(plain[name].shape[2]) < 3, 2.5, 1.0) if PASSES[name].exposed else 1.0
+        np.testing.assert_allclose(bright[name], plain[name] * factor, rtol=2 * FLOAT32, err_msg=name)
+    assert {name for name in names if PASSES[name].exposed} == {"Combined", *SPLIT, "Environment", "Emission", "Error"}
+    assert bright.error == plain.error
