@@ -67,8 +67,8 @@ def sample_lights(
             reflect_part = partial(reflect, points.shading, probabilities, found.light, seen_by)
             of_parts = _split_light(split.select(lit), light, reflect_part, throughput, lit)
         how = (source.unstopped, source.cast_as)
-        taken = {"chance": source.chance, "split": of_parts}
-        shadow_rays.append(ShadowRays(row[lit], light, key, depths, rays, number, *how, **taken))
+        rays_of = partial(ShadowRays, row[lit], light, key, depths, rays, number, *how)
+        shadow_rays.append(rays_of(chance=source.chance, split=of_parts))
     return shadow_rays
 
 
