@@ -5,13 +5,13 @@ A material without computed parameters is not in here, and a scene without any h
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Floats
+from raytracer.arrays.types import Floats, Integers
 from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_RANGES, CLOSURE_VECTORS, Closure, shines
 from raytracer.scene.programs import Program, Register, Value
 from raytracer.scene.scene import Scene
@@ -120,20 +120,28 @@ def _make_recipes(
 def compute_columns(computed: ComputedMaterials, recipes: Recipes, surface: Surface, path: LightPath | None) -> Columns:
     """Return what the recipes make at n points: by (slot, field) arrays of n rows, NaN at points whose material does
     not compute that field."""
-    present = np.flatnonzero(np.bincount(surface.material, minlength=1))
     columns: Columns = {}
-    for material in present.tolist():
+    for material, points in _sort_points(surface.material):
         recipe = recipes.get(material)
         if recipe is None:
             continue
-        points = np.flatnonzero(surface.material == material)
         outputs = evaluate(recipe.program, _make_site(computed, surface, path, points), recipe.needed)
         for slot, value in recipe.values.items():
-            width = (3,) if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else ()
-            column = columns.setdefault(slot, np.full((len(surface), *width), np.nan))
+            if slot not in columns:
+                width = (3,) if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else ()
+                columns[slot] = np.full((len(surface), *width), np.nan)
             found = outputs[value] if isinstance(value, Register) else value
-            column[points] = limit(slot[1], found, slot in recipe.shining)
+            columns[slot][points] = limit(slot[1], found, slot in recipe.shining)
     return columns
+
+
+def _sort_points(material: Integers) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Yield each material that occurs at n points, and its points in rising order: sorted once for all."""
+    order = np.argsort(material, kind="stable")
+    counts = np.bincount(material)
+    ends = np.cumsum(counts)
+    for number in np.flatnonzero(counts).tolist():
+        yield number, order[ends[number] - counts[number] : ends[number]]
 
 
 def _make_site(computed: ComputedMaterials, surface: Surface, path: LightPath | None, points: NDArray[np.intp]) -> Site:
