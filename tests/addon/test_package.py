@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from raytracer.film.picture_key import VERSION
 from tests.addon.engine.engine_fixtures import read_image, save_plane
 from tests.folders import ROOT
 
@@ -75,10 +76,10 @@ def assert_shows_plane(picture: Path) -> None:
     np.testing.assert_allclose(pixels, np.full_like(pixels, (0.75, 0.125, 0.0)), rtol=2**-11)  # half precision
 
 
-def test_manifest_and_wheel_agree_on_the_version() -> None:
+def test_manifest_wheel_and_films_agree_on_the_version() -> None:
     manifest = tomllib.loads((ROOT / "addon" / "blender_manifest.toml").read_text(encoding="utf-8"))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert manifest["version"] == project["version"]
+    assert manifest["version"] == project["version"] == VERSION
     assert manifest["wheels"] == [f"./wheels/raytracer-{project['version']}-py3-none-any.whl"]
     assert manifest["license"] == ["SPDX:GPL-3.0-or-later"]
 

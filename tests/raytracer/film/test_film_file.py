@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import collections
 import json
+import os
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import raytracer
+from raytracer.files.unfinished import NEW_SECONDS, PREFIX
 from raytracer.film.film import Film
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
 from tests.raytracer.scene.scene_mutations import pack, unpack
@@ -31,6 +34,15 @@ def test_a_film_comes_back_as_it_was(tmp_path: Path) -> None:
     assert again.statistics == film.statistics
     for name in PASSES:
         np.testing.assert_array_equal(again[name], film[name])
+
+
+def test_what_a_killed_process_left_of_a_film_is_removed_by_the_next_one(tmp_path: Path) -> None:
+    left = tmp_path / f"{PREFIX}{'0' * 12}.npz"
+    left.write_bytes(b"half")
+    past = time.time() - 2 * NEW_SECONDS
+    os.utime(left, (past, past))
+    raytracer.save_film(render(), tmp_path / "film.npz")
+    assert [path.name for path in tmp_path.iterdir()] == ["film.npz"]
 
 
 def test_a_scene_that_was_saved_has_the_key_that_it_had(tmp_path: Path) -> None:
