@@ -6,9 +6,9 @@ import os
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-from .versions import count_passages
+from .versions import count_passages, relative_path_options
 
 # The engine's identifier, as Blender and its files know it.
 ENGINE = "REFERENCE_RAYTRACER"
@@ -214,6 +214,27 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
         max=10.0,
         soft_max=4.0,
         precision=2,
+    )
+    use_checkpoints: BoolProperty(  # type: ignore[valid-type]
+        name="Checkpoints",
+        description="Save the unfinished render of a still image, so that Render > Resume Render continues it after "
+        "Esc or a crash. The file is removed when the image is complete",
+        default=False,
+    )
+    checkpoint_folder: StringProperty(  # type: ignore[valid-type]
+        name="Folder",
+        description="Where unfinished renders are saved; // is the folder of the .blend file, or a temporary one "
+        "while that has not been saved",
+        default="//",
+        subtype="DIR_PATH",
+        options=relative_path_options(),
+    )
+    checkpoint_interval: IntProperty(  # type: ignore[valid-type]
+        name="Interval",
+        description="Seconds between two saves, which take at most a twentieth of the render time",
+        default=60,
+        min=1,
+        soft_max=3600,
     )
 
 

@@ -201,3 +201,8 @@ def read_terminator(shown: Any) -> tuple[float, float]:
 def is_hidden_from_picking(shown: Any) -> bool:
     """Return True for an object that Scene.ray_cast passes; the setting came with 5.0."""
     return bool(getattr(shown, "hide_surface_pick", False))
+
+
+def relative_path_options(version: tuple[int, ...] = VERSION) -> set[str]:
+    """Return the options of a path's property that may begin with //; Blender 4.5 and later have to be told so."""
+    return {"PATH_SUPPORTS_BLEND_RELATIVE"} if version >= (4, 5) else set()

@@ -25,7 +25,7 @@ from ..passes import declare_passes, enabled_passes
 from ..properties import ENGINE, settings_keywords
 from ..viewport import viewport
 from ..viewport.viewport import Viewport
-from . import animation, orders, statistics
+from . import animation, checkpoints, orders, statistics
 from .animation import Frames
 from .first_look import show_first_look
 from .mattes import describe_mattes, give_identities, name_things
@@ -168,7 +168,7 @@ def make_film(
     """Return the film of one view layer as a command has ordered it, which most often is to trace it."""
     order = orders.find_order()
     if order is None or engine.is_preview:
-        return trace(engine, scene, depsgraph, border, progress, kept, raytracer.render)
+        return make_checked_film(engine, scene, depsgraph, border, progress, kept)
     if count_view_layers(depsgraph.scene_eval) > 1:
         raise SceneError("films and scene files are of one view layer: expected Use for Rendering to be on in one")
     if isinstance(order, orders.ShowFilm):
@@ -183,6 +183,25 @@ def make_film(
         raise SceneError(str(error)) from error
 
 
+def make_checked_film(
+    engine: Any, scene: raytracer.Scene, depsgraph: Any, border: Border, progress: Progress, kept: Frames | None
+) -> raytracer.Film:
+    """Return the traced film of one view layer, with checkpoints where the scene asks for them."""
+    if not checkpoints.is_wanted(engine, depsgraph.scene):
+        return trace(engine, scene, depsgraph, border, progress, kept, raytracer.render)
+    try:
+        order = checkpoints.make_order(engine, depsgraph.scene, depsgraph.view_layer.name)
+        film = trace(engine, scene, depsgraph, border, progress, kept, order.render)
+    except ValueError as error:  # a checkpoint that is broken, or of another picture
+        raise SceneError(str(error)) from error
+    except OSError as error:
+        raise SceneError(f"Checkpoints: {error.filename}: {error.strerror}") from error
+    is_last = engine.layers_done + 1 >= count_view_layers(depsgraph.scene_eval)
+    if not film.cancelled and (is_last or depsgraph.scene.render.use_single_layer):
+        checkpoints.remove_files(depsgraph.scene)
+    return film
+
+
 def trace(
     engine: Any,
     scene: raytracer.Scene,
@@ -191,7 +210,7 @@ def trace(
     progress: Progress,
     kept: Frames | None,
     render: Callable[..., raytracer.Film],
-) -> Any:
+) -> raytracer.Film:
     """Return the film of one view layer, which `render` makes as `raytracer.render` does."""
     frame = engine.resolution_x, engine.resolution_y
     settings = settings_keywords(depsgraph.scene_eval)
@@ -308,6 +327,7 @@ def register() -> None:
     bpy.utils.register_class(ReferenceRaytracerEngine)
     viewport.register()
     animation.register()
+    checkpoints.register()
 
 
 def unregister() -> None:
@@ -315,4 +335,5 @@ def unregister() -> None:
     bpy.utils.unregister_class(ReferenceRaytracerEngine)
     viewport.unregister()
     animation.unregister()
+    checkpoints.unregister()
     statistics.forget_all()

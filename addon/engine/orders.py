@@ -29,12 +29,14 @@ class KeepFilm:
 
     tile, until : as in `raytracer.render`
     every : seconds between two writes
+    on_fault : called where the file cannot be written; None ends the render
     """
 
     path: Path
     tile: tuple[int, int] | None = None
     until: int | None = None
     every: float = EVERY_SECONDS
+    on_fault: Callable[[OSError], None] | None = None
 
     def render(self, *arguments: Any, is_cancelled: Callable[[], bool], **keywords: Any) -> Film:
         """Render as `raytracer.render` does; Ctrl-C ends it with what there is, in the file."""
@@ -44,7 +46,7 @@ class KeepFilm:
 
         settings = {"tile": self.tile, "until": self.until, "is_cancelled": is_over, **keywords}
         with interrupts.poll():
-            film = render_into(self.path, *arguments, every=self.every, **settings)
+            film = render_into(self.path, *arguments, every=self.every, on_fault=self.on_fault, **settings)
         interrupts.check()
         return film
 

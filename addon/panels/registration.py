@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import bpy
 
-from . import built_in, last_render, presets, render, scene_data, view_layer
+from . import built_in, last_render, presets, render, resume, scene_data, view_layer
 
 # In the order of each tab.
-CLASSES = (*presets.CLASSES, *render.CLASSES, *last_render.CLASSES, *view_layer.CLASSES, *scene_data.CLASSES)
+CLASSES = (
+    *(*presets.CLASSES, *render.CLASSES, *last_render.CLASSES, *view_layer.CLASSES, *scene_data.CLASSES),
+    *resume.CLASSES,
+)
 
 register_classes, unregister_classes = bpy.utils.register_classes_factory(CLASSES)
 
@@ -17,12 +20,14 @@ def register() -> None:
     presets.register_path()
     register_classes()
     last_render.register()
+    resume.register()
     built_in.join()
 
 
 def unregister() -> None:
     """Leave the built-in panels and take the own ones out."""
     built_in.leave()
+    resume.unregister()
     last_render.unregister()
     unregister_classes()
     presets.unregister_path()

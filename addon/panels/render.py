@@ -119,6 +119,23 @@ class RAYTRACER_RENDER_PT_performance(RenderPanel, bpy.types.Panel):
             column.label(text=f"Workers: {count_processors()}")
 
 
+class RAYTRACER_RENDER_PT_checkpoints(RenderPanel, bpy.types.Panel):
+    """Where unfinished renders are kept, and how often."""
+
+    bl_label = "Checkpoints"
+    bl_parent_id = "RAYTRACER_RENDER_PT_performance"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context: Any) -> None:
+        self.layout.prop(context.scene.reference_raytracer, "use_checkpoints", text="")
+
+    def draw(self, context: Any) -> None:
+        column, settings = split(self), context.scene.reference_raytracer
+        column.active = settings.use_checkpoints
+        column.prop(settings, "checkpoint_folder")
+        column.prop(settings, "checkpoint_interval")
+
+
 class RAYTRACER_RENDER_PT_simplify(RenderPanel, bpy.types.Panel):
     """What Blender's own panel offers for meshes; that one would stand above all others."""
 
@@ -143,5 +160,6 @@ CLASSES = (
     RAYTRACER_RENDER_PT_precision,
     RAYTRACER_RENDER_PT_film,
     RAYTRACER_RENDER_PT_performance,
+    RAYTRACER_RENDER_PT_checkpoints,
     RAYTRACER_RENDER_PT_simplify,
 )

@@ -21,10 +21,10 @@ WRITING_SHARE = 0.05
 
 
 class Checkpoints:
-    """Writes a film now and then."""
+    """Writes a film now and then; `on_fault` is called where that fails, and None lets the error pass."""
 
-    def __init__(self, film: Film, path: Path, every: float) -> None:
-        self._film, self._path, self._every = film, path, every
+    def __init__(self, film: Film, path: Path, every: float, on_fault: Callable[[OSError], None] | None = None) -> None:
+        self._film, self._path, self._every, self._on_fault = film, path, every, on_fault
         self._next = time.monotonic() + every
 
     def consider(self) -> None:
@@ -35,7 +35,12 @@ class Checkpoints:
     def write(self) -> None:
         """Write the film. After w seconds of that, at least w / share - w go by until the next time."""
         started = time.monotonic()
-        save_film(self._film, self._path)
+        try:
+            save_film(self._film, self._path)
+        except OSError as error:
+            if self._on_fault is None:
+                raise
+            self._on_fault(error)
         finished = time.monotonic()
         self._next = finished + max(self._every, (finished - started) * (1.0 / WRITING_SHARE - 1.0))
 
@@ -48,6 +53,7 @@ def render_into(
     samples: int,
     *,
     every: float = EVERY_SECONDS,
+    on_fault: Callable[[OSError], None] | None = None,
     on_progress: Callable[[float], None] = _say_nothing,
     **keywords: Any,
 ) -> Film:
@@ -59,6 +65,7 @@ def render_into(
     ----------
     path : of the film's file
     every : seconds between two writes, which take no more than WRITING_SHARE of the time
+    on_fault : called with the error where the file cannot be written; None ends the render with it
     keywords : those of `render`, and settings
 
     Raises
@@ -67,7 +74,7 @@ def render_into(
         If the file is no film, or of another picture.
     """
     film = resume(path, scene, width, height, samples, keywords)
-    checkpoints = Checkpoints(film, path, every)
+    checkpoints = Checkpoints(film, path, every, on_fault)
 
     def tell(share: float) -> None:
         checkpoints.consider()

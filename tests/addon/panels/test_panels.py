@@ -16,7 +16,7 @@ from addon import inspector, panels, properties, versions
 from addon.compare import window
 from addon.engine import statistics
 from addon.extract.warnings import Warning
-from addon.panels import built_in, last_render, presets, render, scene_data, view_layer
+from addon.panels import built_in, last_render, presets, render, resume, scene_data, view_layer
 from addon.passes import MATTE_OPTIONS, PASSES, enable_passes, enabled_passes, find_pass
 from addon.properties import ENGINE
 from raytracer.film import passes
@@ -32,7 +32,7 @@ def registered() -> Iterator[None]:
 
 def test_simplify_panel_draws_what_blender_follows(empty_scene: Any, registered: None) -> None:
     names = draw(render.RAYTRACER_RENDER_PT_simplify).names
-    assert names == ["simplify_subdivision", "simplify_subdivision_render"]
+    assert names == ["use_simplify", "simplify_subdivision", "simplify_subdivision_render"]
 
 
 class RecordingLayout:
@@ -75,7 +75,9 @@ def draw(panel: Any, **context: Any) -> RecordingLayout:
     surroundings = SimpleNamespace(
         engine=ENGINE, preferences=preferences, region=SimpleNamespace(width=300), **{**defaults, **context}
     )
-    panel.draw(SimpleNamespace(layout=layout), surroundings)
+    for function in (getattr(panel, "draw_header", None), panel.draw):
+        if function:
+            function(SimpleNamespace(layout=layout), surroundings)
     return layout
 
 
@@ -131,6 +133,17 @@ def test_every_setting_is_drawn_once_and_explained(empty_scene: Any, registered:
     ]
     assert sorted(drawn) == sorted([item.identifier for item in own] + ["film_transparent"])
     assert all(item.description for item in own)
+
+
+def test_the_render_menu_offers_to_resume_where_checkpoints_are_kept(empty_scene: Any, registered: None) -> None:
+    assert resume.draw_item in bpy.types.TOPBAR_MT_render.draw._draw_funcs
+    item = SimpleNamespace(draw=resume.draw_item)
+    empty_scene.render.engine = ENGINE
+    assert not draw(item).buttons
+    empty_scene.reference_raytracer.use_checkpoints = True
+    assert [button.name for button in draw(item).buttons] == ["raytracer.resume_render"]
+    empty_scene.render.engine = "BLENDER_WORKBENCH"
+    assert not draw(item).buttons
 
 
 def test_settings_reach_the_ray_tracer_by_their_names(empty_scene: Any, registered: None) -> None:

@@ -1,0 +1,105 @@
+"""Stills that outlive Esc and a crash: where the scene asks for it, a render keeps its film in a file beside
+the .blend, and *Render > Resume Render* goes on from there.
+
+The file is that of a frame and view layer. It goes when the frame is complete: what it is for has then been done.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from raytracer.files.replacing import check_replaceable
+
+from ..properties import ENGINE
+from .orders import KeepFilm
+
+SUFFIX = ".checkpoint.npz"
+# Letters that tell view layers and scenes of a file apart: their names may be too long for a file's, or have others.
+LETTERS = 8
+
+
+class _Session:
+    is_resuming = False
+
+
+def find_path(scene: Any, view_layer: str) -> Path:
+    """Return the file of the current frame: in the folder that the scene names, or a temporary one where that is
+    beside a .blend that has never been saved."""
+    folder, blend = scene.reference_raytracer.checkpoint_folder or "//", bpy.data.filepath
+    parent = Path(tempfile.gettempdir() if folder.startswith("//") and not blend else bpy.path.abspath(folder))
+    names = hashlib.sha256(f"{scene.name}\0{view_layer}".encode()).hexdigest()[:LETTERS]
+    return parent / f"{Path(blend).stem or 'untitled'}_{scene.frame_current:04}_{names}{SUFFIX}"
+
+
+def list_files(scene: Any) -> list[Path]:
+    """Return the files of the current frame that are there."""
+    layers = [layer.name for layer in scene.view_layers if layer.use]
+    return [path for path in (find_path(scene, name) for name in layers) if path.is_file()]
+
+
+def can_resume(scene: Any) -> bool:
+    """Return whether a render of the current frame was left unfinished."""
+    is_asked_for = scene.render.engine == ENGINE and scene.reference_raytracer.use_checkpoints
+    return bool(is_asked_for and list_files(scene))
+
+
+def is_wanted(engine: Any, scene: Any) -> bool:
+    """Return whether a render keeps its films: previews and animations do not."""
+    return scene.reference_raytracer.use_checkpoints and not (engine.is_preview or engine.is_animation)
+
+
+def make_order(engine: Any, scene: Any, view_layer: str) -> KeepFilm:
+    """Return the order to keep the film of a view layer, or raise OSError where its file could not be written.
+
+    A fault that comes later, a full disk, is a warning: it costs the file, and not the picture.
+    """
+    path = find_path(scene, view_layer)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    check_replaceable(path)
+    if not _Session.is_resuming:
+        path.unlink(missing_ok=True)
+
+    def warn(error: OSError) -> None:
+        engine.report({"WARNING"}, f"Checkpoint not saved: {path}: {error.strerror}")
+
+    return KeepFilm(path, every=float(scene.reference_raytracer.checkpoint_interval), on_fault=warn)
+
+
+def remove_files(scene: Any) -> None:
+    """Remove the files of a frame that is complete."""
+    for path in list_files(scene):
+        path.unlink(missing_ok=True)
+
+
+def resume() -> None:
+    """Let the next render go on from the files that are there."""
+    _Session.is_resuming = True
+
+
+@persistent
+def forget(*_: Any) -> None:
+    """Let renders begin anew."""
+    _Session.is_resuming = False
+
+
+ENDS = (bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel, bpy.app.handlers.load_pre)
+
+
+def register() -> None:
+    """Watch for the ends of renders."""
+    for called in ENDS:
+        called.append(forget)
+
+
+def unregister() -> None:
+    """Watch no more."""
+    forget()
+    for called in ENDS:
+        if forget in called:
+            called.remove(forget)

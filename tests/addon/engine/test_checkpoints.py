@@ -1,0 +1,212 @@
+"""Checkpoints of stills: a render that was stopped goes on from its file, one that does not fit is refused by name."""
+
+from __future__ import annotations
+
+import errno
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.engine import checkpoints, engine
+from addon.engine.statistics import last_render
+from raytracer.film.film_file import load_film
+from raytracer.rendering import checkpoints as writing
+from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage, render_pass
+from tests.folders import ROOT
+from tests.portable import kill
+
+SAMPLES = 6
+
+pytestmark = pytest.mark.usefixtures("registered_addon")
+
+
+@pytest.fixture
+def stage(empty_scene: Any, tmp_path: Path) -> Any:
+    """Return a scene of one plane that keeps checkpoints in the test's folder, and traces a sample at a time."""
+    make_stage(empty_scene)
+    add_plane(empty_scene.collection, "Plane", (0.5, 0.25, 0.125), (-8.0, 3.0), (-4.0, 5.0))
+    settings = empty_scene.reference_raytracer
+    settings.samples, settings.pixel_filter, settings.filter_width = SAMPLES, "BLACKMAN_HARRIS", 1.5
+    settings.use_checkpoints, settings.checkpoint_folder = True, str(tmp_path / "kept")
+    return empty_scene
+
+
+@pytest.fixture
+def stop(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Return a function that presses Esc as a render has some of its samples, or never; it returns the list of the
+    sweeps that are done from then on."""
+    trace = engine.trace
+
+    def stop_at(samples: int = SAMPLES) -> list[int]:
+        done: list[int] = []
+
+        def trace_some(*arguments: Any) -> Any:
+            *others, render = arguments
+
+            def render_some(*positional: Any, **keywords: Any) -> Any:
+                asked = {
+                    "on_sweep": lambda film, count, total: done.append(count),
+                    "is_cancelled": lambda: samples in done and samples < SAMPLES,
+                }
+                return render(*positional, **{**keywords, **asked}, block_size=WIDTH * HEIGHT)
+
+            return trace(*others, render_some)
+
+        monkeypatch.setattr(engine, "trace", trace_some)
+        return done
+
+    return stop_at
+
+
+def list_names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def resume(scene: Any, path: Path, layer: str = "") -> Any:
+    """Return the picture of a render that goes on from the files, as the menu's item begins it."""
+    checkpoints.resume()
+    return render_pass(scene, path, layer=layer)
+
+
+def test_a_stopped_render_goes_on_from_its_file(stage: Any, stop: Any, tmp_path: Path) -> None:
+    stop()
+    whole = render_pass(stage, tmp_path / "whole.exr")
+    assert list_names(tmp_path / "kept") == []  # a complete one leaves no file
+    stop(2)
+    some = render_pass(stage, tmp_path / "some.exr")
+    assert (some != whole).any()
+    assert bpy.ops.raytracer.resume_render.poll()
+    (path,) = checkpoints.list_files(stage)
+    assert load_film(path).samples == 2
+    stop()
+    np.testing.assert_array_equal(resume(stage, tmp_path / "resumed.exr"), whole)
+    assert list_names(tmp_path / "kept") == []
+    assert not bpy.ops.raytracer.resume_render.poll()
+
+
+def test_resume_traces_only_what_is_missing(stage: Any, stop: Any, tmp_path: Path) -> None:
+    stop()
+    render_pass(stage, tmp_path / "whole.exr")
+    rays = last_render(stage).rays
+    stop(4)
+    render_pass(stage, tmp_path / "some.exr")
+    done = stop()
+    assert bpy.ops.raytracer.resume_render() == {"FINISHED"}
+    assert done == [5, 6]
+    assert last_render(stage).rays == rays  # those of both
+
+
+def test_a_render_begins_anew_without_being_asked_to_resume(stage: Any, stop: Any, tmp_path: Path) -> None:
+    stop(4)
+    render_pass(stage, tmp_path / "some.exr")
+    (path,) = checkpoints.list_files(stage)
+    stage.reference_raytracer.seed = 1  # another picture, which is no error
+    stop(2)
+    render_pass(stage, tmp_path / "other.exr")
+    assert load_film(path).samples == 2
+
+
+def test_a_changed_setting_or_scene_is_refused_by_name(stage: Any, stop: Any, tmp_path: Path) -> None:
+    stop(2)
+    render_pass(stage, tmp_path / "some.exr")
+    (path,) = checkpoints.list_files(stage)
+    stop()
+    stage.reference_raytracer.seed = 7
+    with pytest.raises(RuntimeError, match=r"checkpoint\.npz is of another picture: seed is 0, not 7$"):
+        bpy.ops.raytracer.resume_render()
+    stage.reference_raytracer.seed = 0
+    bpy.data.objects["Plane"].location.x = 1.0
+    with pytest.raises(RuntimeError, match="is of another picture: the scene differs in its"):
+        bpy.ops.raytracer.resume_render()
+    assert path.is_file()  # what was rendered is not lost by asking
+
+
+def test_nothing_is_kept_unless_the_scene_asks_for_it(stage: Any, stop: Any, tmp_path: Path) -> None:
+    stage.reference_raytracer.use_checkpoints = False
+    stop(2)
+    render_pass(stage, tmp_path / "some.exr")
+    assert not (tmp_path / "kept").exists()
+    assert not bpy.ops.raytracer.resume_render.poll()
+
+
+def test_a_folder_that_takes_no_file_is_told_before_the_render(stage: Any, tmp_path: Path) -> None:
+    (tmp_path / "kept").write_bytes(b"")
+    with pytest.raises(RuntimeError, match="Checkpoints: "):
+        render_pass(stage, tmp_path / "whole.exr")
+
+
+def test_a_disk_that_gets_full_costs_the_checkpoint_and_not_the_picture(
+    stage: Any, stop: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop()
+    whole = render_pass(stage, tmp_path / "whole.exr")
+    faults: list[object] = []
+
+    def fail(film: object, path: Path) -> None:
+        faults.append(path)
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(writing, "save_film", fail)
+    np.testing.assert_array_equal(render_pass(stage, tmp_path / "again.exr"), whole)
+    assert faults
+
+
+def test_view_layers_each_have_a_file_until_the_last_is_done(stage: Any, stop: Any, tmp_path: Path) -> None:
+    stage.view_layers.new("Second")
+    stop()
+    whole = render_pass(stage, tmp_path / "whole.exr", layer="Second")
+    assert list_names(tmp_path / "kept") == []
+    stop(2)
+    render_pass(stage, tmp_path / "some.exr", layer="Second")
+    assert len(checkpoints.list_files(stage)) == 2
+    stop()
+    np.testing.assert_array_equal(resume(stage, tmp_path / "resumed.exr", "Second"), whole)
+    assert list_names(tmp_path / "kept") == []
+
+
+def test_a_scene_that_was_never_saved_keeps_its_file_in_the_temporary_folder(
+    stage: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(checkpoints.tempfile, "gettempdir", lambda: str(tmp_path))
+    stage.reference_raytracer.checkpoint_folder = "//"
+    path = checkpoints.find_path(stage, "ViewLayer")
+    assert path.parent == tmp_path
+    assert path.name.startswith("untitled_0001_")
+    stage.frame_set(12)
+    assert checkpoints.find_path(stage, "ViewLayer").name.startswith("untitled_0012_")
+
+
+RENDER = """
+import sys, bpy, addon
+addon.register()
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1], load_ui=False)
+bpy.ops.render.render()
+"""
+
+
+@pytest.mark.slow
+def test_a_render_that_was_killed_is_resumed_from_the_file_beside_its_blend(stage: Any, tmp_path: Path) -> None:
+    settings = stage.reference_raytracer
+    settings.samples, settings.checkpoint_folder, settings.checkpoint_interval = 30_000, "//", 1
+    blend = tmp_path / "long.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), check_existing=False)
+    with subprocess.Popen([sys.executable, "-c", RENDER, str(blend)], cwd=ROOT) as process:
+        while not list(tmp_path.glob("long_0001_*.checkpoint.npz")):
+            assert process.poll() is None
+            time.sleep(0.05)
+        kill(process.pid)
+    bpy.ops.wm.open_mainfile(filepath=str(blend), load_ui=False)
+    scene = bpy.context.scene
+    (path,) = checkpoints.list_files(scene)
+    film = load_film(path)
+    assert 0 < film.samples < 30_000
+    assert bpy.ops.raytracer.resume_render() == {"FINISHED"}
+    assert not path.exists()
+    assert last_render(scene).samples == 30_000
+    assert last_render(scene).rays > film.statistics.rays
