@@ -8,7 +8,7 @@ from typing import Any
 from . import inspector, panels, passes, properties, scanning
 from .compare import window
 from .compare.window import operators
-from .engine import engine
+from .engine import engine, worker_pool
 from .scripting import held
 
 PARTS = (properties, passes, engine, panels, inspector, window, scanning)
@@ -36,5 +36,6 @@ def _leave() -> None:
     """End what runs, at Python's end. Blender 4.2 crashes and 4.5 hangs there while a render engine is registered; the
     Blender application has already let go of all classes."""
     operators.end_process()
+    worker_pool.close()
     if engine.ReferenceRaytracerEngine.is_registered:
         unregister()

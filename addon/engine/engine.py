@@ -25,7 +25,7 @@ from ..passes import declare_passes, enabled_passes
 from ..properties import ENGINE, settings_keywords
 from ..viewport import viewport
 from ..viewport.viewport import Viewport
-from . import animation, checkpoints, orders, statistics
+from . import animation, checkpoints, orders, statistics, worker_pool
 from .animation import Frames
 from .first_look import show_first_look
 from .mattes import describe_mattes, give_identities, name_things
@@ -225,18 +225,22 @@ def trace(
     if progress.is_watched:
         progress.show_stage("First look")
         show_first_look(progress.output, scene, caster, frame, border, settings, engine.test_break)
-    film = render(
-        scene,
-        *frame,
-        caster=caster,
-        passes=enabled_passes(depsgraph.view_layer_eval),
-        border=border,
-        on_sweep=progress.show_pass,
-        on_progress=progress.show_share,
-        on_stage=progress.show_stage,
-        is_cancelled=engine.test_break,
-        **settings,
-    )
+    paths = border.width * border.height * settings["samples"]
+    with worker_pool.lend(settings.pop("workers"), paths, progress.show_stage) as workers:
+        film = render(
+            scene,
+            *frame,
+            caster=caster,
+            passes=enabled_passes(depsgraph.view_layer_eval),
+            border=border,
+            workers=workers,
+            on_sweep=progress.show_pass,
+            on_progress=progress.show_share,
+            on_stage=progress.show_stage,
+            is_cancelled=engine.test_break,
+            **settings,
+        )
+        worker_pool.unload(workers, film)
     film.statistics.build_seconds = build_seconds
     return film
 
@@ -336,4 +340,5 @@ def unregister() -> None:
     viewport.unregister()
     animation.unregister()
     checkpoints.unregister()
+    worker_pool.close()
     statistics.forget_all()
