@@ -5,7 +5,7 @@ Blender stores rows from the bottom up; the ray tracer's arrays have the top row
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from types import TracebackType
 from typing import Any, NamedTuple
 
@@ -84,7 +84,7 @@ class RenderOutput:
     ) -> None:
         self._engine.end_result(self._result)
 
-    def write(self, passes: dict[str, NDArray[np.float32]]) -> None:
+    def write(self, passes: Mapping[str, NDArray[np.float32]]) -> None:
         """Copy a film's passes, (h, w, c) by name, into the result; each stereo view gets the same picture."""
         names = {blender_pass_name(name): name for name in passes}
         for stored in self._result.layers[0].passes:

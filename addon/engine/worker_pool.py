@@ -59,8 +59,8 @@ def lend(count: int, paths: int, on_stage: Callable[[str], None]) -> Iterator[Wo
 
 
 def unload(workers: Workers | int, film: Film) -> None:
-    """Let the processes let go of their scene; those that still trace for a film that was cancelled do so later."""
-    if isinstance(workers, Workers) and not film.cancelled:
+    """Let the processes let go of their scene; those that still trace for a film that ended early do so later."""
+    if isinstance(workers, Workers) and film.ended_by == "samples":
         workers.load(_hold_nothing)
 
 

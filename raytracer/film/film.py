@@ -190,9 +190,10 @@ class Film:
             self.arrays[name][pixels] = values[name]
 
     @property
-    def passes(self) -> dict[str, NDArray[np.float32]]:
-        """Every pass by name, (h, w, channels) float32."""
-        return {name: self[name] for name in self.names}
+    def passes(self) -> Mapping[str, NDArray[np.float32]]:
+        """Every pass by name, (h, w, channels) float32, made anew whenever it is asked for: all at once would take half
+        of what the sums do."""
+        return _Passes(self)
 
     def __getitem__(self, name: str) -> NDArray[np.float32]:
         """Return one pass, (h, w, channels) float32; row 0 is the TOP row of the picture.
@@ -308,6 +309,22 @@ class Film:
         for _ in range(SHARED):
             scatter = share_with_neighbors(scatter)
         return np.sqrt(scatter.ravel() / np.maximum(counts, 0.5))
+
+
+class _Passes(Mapping[str, NDArray[np.float32]]):
+    """A film's passes by name."""
+
+    def __init__(self, film: Film) -> None:
+        self._film = film
+
+    def __getitem__(self, name: str) -> NDArray[np.float32]:
+        return self._film[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._film.names)
+
+    def __len__(self) -> int:
+        return len(self._film.names)
 
 
 def divide_by_color(light: Floats, color: Floats) -> Floats:

@@ -1,5 +1,7 @@
 """The film: sums, orientation, what comes from the pixel's centre."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,20 @@ def test_passes_are_those_asked_for_only():
     assert all(values.dtype == np.float32 for values in film.passes.values())
     with pytest.raises(KeyError, match=r"no pass 'Normal'; it has Combined, Depth"):
         film["Normal"]
+
+
+def test_passes_are_made_one_at_a_time():
+    """A large film leaves no room for all of them beside its sums."""
+    film = Film(64, 64, ("Combined", "Normal", "Depth", "Position", "UV"))
+    pass_bytes = 64 * 64 * 4 * 4
+    tracemalloc.start()
+    shapes = {name: values.shape[-1] for name, values in film.passes.items()}
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert shapes == {name: PASSES[name].channels for name in film.names}
+    # The one before is let go when the next is there.
+    assert peak < 2.5 * pass_bytes
+    assert sum(shapes.values()) * 64 * 64 * 4 > 3 * pass_bytes
 
 
 def test_mean_is_that_of_each_pixels_own_samples():
