@@ -101,26 +101,50 @@ def _rank_names(traits: Traits, without: re.Pattern[str] | None = None) -> NDArr
 
 def _rank_contents(mesh: Indices, tied: Indices, shapes: Shapes) -> Floats:
     """Return ranks (i,) of instances by the contents of their meshes (i,), 0 for those that are not tied."""
-    contents = {int(index): summarize_mesh(shapes.meshes[index], shapes.materials) for index in tied}
+    marks: dict[int, bytes] = {}
+    contents = {int(index): summarize_mesh(shapes.meshes[index], shapes.materials, marks) for index in tied}
     ranks = {content: rank for rank, content in enumerate(sorted(set(contents.values())))}
     rank_of_mesh = np.zeros(len(shapes.meshes))
     rank_of_mesh[list(contents)] = [ranks[content] for content in contents.values()]
     return rank_of_mesh[mesh]
 
 
-def summarize_mesh(mesh: raytracer.Mesh, materials: Sequence[Material]) -> bytes:
-    """Return a mark of what a mesh and its materials are: by their contents, not their names and numbers."""
+def summarize_mesh(
+    mesh: raytracer.Mesh, materials: Sequence[Material], marks: dict[int, bytes] | None = None
+) -> bytes:
+    """Return a mark of what a mesh and its materials are: by their contents, not their names and numbers.
+
+    marks : those of materials, by number, that are known already; others join them
+    """
+    marks = {} if marks is None else marks
     used, first, place = np.unique(np.atleast_1d(mesh.material), return_index=True, return_inverse=True)
-    names = [summarize(materials[index]) for index in used[np.argsort(first)]]
-    return summarize([np.argsort(np.argsort(first))[place], names, dataclasses.replace(mesh, material=0)])
+    for index in used.tolist():
+        if index not in marks:
+            marks[index] = summarize(materials[index])
+    names = [marks[index] for index in used[np.argsort(first)].tolist()]
+    return summarize([np.argsort(np.argsort(first))[place], names, _Record("Mesh", list_fields(mesh) | {"material": 0})])
+
+
+@dataclasses.dataclass(frozen=True)
+class _Record:
+    """The fields of a record, some of them others than its own: a changed copy would be validated as a whole."""
+
+    kind: str
+    fields: dict[str, Any]
+
+
+def list_fields(record: Any) -> dict[str, Any]:
+    """Return a record's fields by name, but for that which it is called."""
+    return {field.name: getattr(record, field.name) for field in dataclasses.fields(record) if field.name != "name"}
 
 
 def summarize(value: Any) -> bytes:
     """Return a mark of a record's, table's, list's or array's contents."""
-    mark = blake2b(type(value).__name__.encode())
-    if dataclasses.is_dataclass(value):
-        fields = (field.name for field in dataclasses.fields(value) if field.name != "name")
-        value = {name: getattr(value, name) for name in fields}
+    mark = blake2b((value.kind if isinstance(value, _Record) else type(value).__name__).encode())
+    if isinstance(value, _Record):
+        value = value.fields
+    elif dataclasses.is_dataclass(value):
+        value = list_fields(value)
     if isinstance(value, Mapping):
         value = [item for name in sorted(value) for item in (name, value[name])]
     if isinstance(value, np.ndarray):
