@@ -109,9 +109,7 @@ def _rank_contents(mesh: Indices, tied: Indices, shapes: Shapes) -> Floats:
     return rank_of_mesh[mesh]
 
 
-def summarize_mesh(
-    mesh: raytracer.Mesh, materials: Sequence[Material], marks: dict[int, bytes] | None = None
-) -> bytes:
+def summarize_mesh(mesh: raytracer.Mesh, materials: Sequence[Material], marks: dict[int, bytes] | None = None) -> bytes:
     """Return a mark of what a mesh and its materials are: by their contents, not their names and numbers.
 
     marks : those of materials, by number, that are known already; others join them
@@ -122,7 +120,8 @@ def summarize_mesh(
         if index not in marks:
             marks[index] = summarize(materials[index])
     names = [marks[index] for index in used[np.argsort(first)].tolist()]
-    return summarize([np.argsort(np.argsort(first))[place], names, _Record("Mesh", list_fields(mesh) | {"material": 0})])
+    shape = _Record("Mesh", list_fields(mesh) | {"material": 0})
+    return summarize([np.argsort(np.argsort(first))[place], names, shape])
 
 
 @dataclasses.dataclass(frozen=True)

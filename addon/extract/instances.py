@@ -6,6 +6,7 @@ into an ObjectEntry and copies matrices as it goes: reading all at once with `fo
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -60,7 +61,7 @@ class ObjectEntry:
 
     terminator : Blender's offsets of the shadow terminator, of geometry and of shading
     light_factor : of a light, what its nodes make of it
-    random : Blender's number for the object, 0 to 1, where it is no instance
+    name_word : what Cycles makes of the object's name, for its random number where it is no instance
     properties : names of those that its materials, or the nodes of a light, read of instances
     """
 
@@ -75,7 +76,7 @@ class ObjectEntry:
     material: int = 0
     light: Any = None
     light_factor: LightFactor = NO_NODES
-    random: float = 0.0
+    name_word: int = 0
     terminator: tuple[float, float] = (0.0, 0.0)
     properties: frozenset[str] = frozenset()
 
@@ -168,26 +169,34 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
         if known[key] >= 0:
             placements.part.append(known[key])
             placements.world_from_object.append(np.array(instance.matrix_world, dtype=np.float64))
-            part = placements.parts[known[key]]
-            placements.random.append(read_random(instance.random_id) if is_instance else part.random)
-            placements.properties.append(reader.read(instance, part.properties) if part.properties else {})
+            placements.random.append(read_random(instance.random_id) if is_instance else math.nan)
+            names = placements.parts[known[key]].properties
+            placements.properties.append(reader.read(instance, names) if names else {})
+    fill_random(placements)
     return placements
 
 
-def read_random(word: int) -> float:
-    """Return an instance's random number, 0 to 1, as Cycles divides it (scene/object.cpp).
+def fill_random(placements: Placements) -> None:
+    """Give objects that are no instances, NaN so far, Cycles' number of their names, 0 to 1 (blender/object.cpp)."""
+    rows = [row for row, number in enumerate(placements.random) if math.isnan(number)]
+    words = [placements.parts[placements.part[row]].name_word for row in rows]
+    hashed = hash_words(np.array(words, dtype=np.uint32), 0) / LARGEST_WORD  # all at once: NumPy's calls cost
+    for row, number in zip(rows, hashed.tolist(), strict=True):
+        placements.random[row] = number
 
-    Blender holds 32 bits without a sign, and Python gets them with one: half of all are negative there.
-    """
+
+def read_random(word: int) -> float:
+    """Return an instance's random number, 0 to 1, as Cycles divides it (scene/object.cpp): of 32 bits without a sign,
+    which Python gets with one."""
     return (word % 2**32) / LARGEST_WORD
 
 
-def hash_name(name: str) -> float:
-    """Return Cycles' random number, 0 to 1, for an object that is no instance (blender/object.cpp, util/hash.h)."""
+def pack_name(name: str) -> int:
+    """Return the 32 bits that Cycles makes of a name before it mixes them (util/hash.h: hash_string)."""
     word = 0
     for byte in name.encode():
         word = (word * 37 + byte) % 2**32
-    return float(hash_words(word, 0)) / LARGEST_WORD
+    return word
 
 
 def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> ObjectEntry | None:
@@ -240,7 +249,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         shadow_catcher=shown.is_shadow_catcher or instancer.is_shadow_catcher,
         color=tuple(instancer.color),
         seen_by=seen_by,
-        random=hash_name(source.name),
+        name_word=pack_name(source.name),
         terminator=versions.read_terminator(shown),
     )
     sources = tuple(found.session_uid for found in (source.original, instancer.original, source.original.data))
@@ -316,7 +325,7 @@ def make_light_part(shown: Any, source: Any, context: Context) -> ObjectEntry | 
         properties=factor.properties,
         seen_by=seen_by,
         shadow_catcher=shown.is_shadow_catcher,
-        random=hash_name(source.name),
+        name_word=pack_name(source.name),
     )
 
 
