@@ -101,8 +101,10 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
         return self.viewport
 
     def __del__(self) -> None:
-        if self.viewport is not None:
-            self.viewport.close()
+        # The frames of an error may keep the object longer than Blender does, which then refuses its attributes.
+        viewport = object.__getattribute__(self, "viewport")
+        if viewport is not None:
+            viewport.close()
 
     def _fail(self, reason: str) -> None:
         self.failed = True

@@ -94,6 +94,7 @@ class Workers:
     def _load(self, content: tuple[bytes, Ticket], memory: SharedMemory) -> None:
         """Load all workers, each as soon as it has finished what it may still be doing for a cancelled run."""
         taken: list[_Worker] = []
+        loads: list[Future[Any]] = []
         try:
             while len(taken) < len(self):
                 worker = self._take_idle()
@@ -101,12 +102,13 @@ class Workers:
                     taken.append(worker)
                     if worker.loss:
                         raise LostWorkerError(worker.loss)
-            loads = [self._threads.submit(worker.load, content, memory) for worker in taken]
+            loads += [self._threads.submit(worker.load, content, memory) for worker in taken]
             for load in loads:
                 self._wait(load, lambda: False)
             for load in loads:
                 load.result()
         finally:
+            loads.clear()  # one that failed holds its error, and that this frame: the callers would be kept for long
             for worker in taken:
                 self._idle.put(worker)
 
