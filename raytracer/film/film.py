@@ -27,6 +27,7 @@ from raytracer.film.error import (
     weigh_difference,
 )
 from raytracer.film.mattes import add_tables, sort_slots
+from raytracer.film.on_demand import PassesOnDemand
 from raytracer.film.passes import (
     CAUGHT,
     LENGTH,
@@ -193,7 +194,7 @@ class Film:
     def passes(self) -> Mapping[str, NDArray[np.float32]]:
         """Every pass by name, (h, w, channels) float32, made anew whenever it is asked for: all at once would take half
         of what the sums do."""
-        return _Passes(self)
+        return PassesOnDemand(self.names, self.__getitem__)
 
     def __getitem__(self, name: str) -> NDArray[np.float32]:
         """Return one pass, (h, w, channels) float32; row 0 is the TOP row of the picture.
@@ -309,22 +310,6 @@ class Film:
         for _ in range(SHARED):
             scatter = share_with_neighbors(scatter)
         return np.sqrt(scatter.ravel() / np.maximum(counts, 0.5))
-
-
-class _Passes(Mapping[str, NDArray[np.float32]]):
-    """A film's passes by name."""
-
-    def __init__(self, film: Film) -> None:
-        self._film = film
-
-    def __getitem__(self, name: str) -> NDArray[np.float32]:
-        return self._film[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._film.names)
-
-    def __len__(self) -> int:
-        return len(self._film.names)
 
 
 def divide_by_color(light: Floats, color: Floats) -> Floats:
