@@ -14,25 +14,34 @@ import numpy as np
 
 from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.casting.geometry import Ids
+from raytracer.casting.primitives import name_rows
 from raytracer.casting.query import Query
 from raytracer.predicates.filtered import cross
 from raytracer.predicates.rounding import UNIT_ROUNDOFF
 
-# Rows: normal, corner, bound and one number to fill 64 bytes; origin, direction, share of the bound, start of range.
+# Rows of 64 bytes: normal, corner, bound, bound per move; origin, direction, share of the bound, start of range.
 PLANE_COLUMNS = LINE_COLUMNS = 8
+# Corners that may be moved by more than this are not measured: nothing is known of their lines.
+MOST_MOVED = 2.0**-20
 # Pairs measured at a time: what they need fits the cache.
 PAIR_BLOCK = 2048
 # Candidates offered at a time.
 OFFER_PAIRS = 1 << 14
 
 
-def make_planes(corners: Floats) -> Floats:
-    """(t, 8) normal N scaled to a largest component of 1, corner a, a bound e on the roundings that N brings, and 0,
+def make_planes(corners: Floats, moved: bool = False) -> Floats:
+    """(t, 8) normal N scaled to a largest component of 1, corner a, a bound e on the roundings that N brings, and f,
     of corners (3, 3, t) in the frame.
+
+    moved : whether corners may be moved, by up to MOST_MOVED, with the instance that they belong to (`placed`); else
+        f is 0
 
     A corner in the frame is off by u, so a side of at most s by u (2 + s); a component of N, two products of sides and
     their difference, by 8 u s (1 + s), of which 9 covers the second order. Scaling adds u; `meet_planes` adds up to
     5 u |N| where it multiplies by N.
+
+    A corner that is moved by w moves a side by 2 w and a component of N by 8 w s + 8 w^2, so by at most 6 f w with
+    f = 9/6 (s + MOST_MOVED).
     """
     side_b, side_c = corners[1] - corners[0], corners[2] - corners[0]
     normal = cross(side_b, side_c)
@@ -43,17 +52,20 @@ def make_planes(corners: Floats) -> Floats:
         planes[:, :3] = (normal / size).T
         planes[:, 3:6] = corners[0].T
         planes[:, 6] = UNIT_ROUNDOFF * (9 * extent * (1 + extent) / size + 7)
+        if moved:
+            planes[:, 7] = 1.5 * (extent + MOST_MOVED) / size
     return planes
 
 
-def make_lines(origin: Floats, direction: Floats, start: Floats | float) -> Floats:
+def make_lines(origin: Floats, direction: Floats, start: Floats | float, moved: Floats | float = 0.0) -> Floats:
     """(n, 8) rows of rays o + t d, t >= start, (3, n) planes and (n,) in the frame, |d| <= 1: the seventh number is
-    4 u (1 + |o|), see `meet_planes`."""
+    4 u (1 + |o|) + 6 w, see `meet_planes`, where the line, and corners, may be `moved` by w."""
     lines = np.empty((origin.shape[1], LINE_COLUMNS))
     lines[:, :3], lines[:, 3:6], lines[:, 7] = origin.T, direction.T, start
     sizes = np.abs(origin)
     farthest = np.maximum(np.maximum(sizes[0], sizes[1]), sizes[2])
     np.multiply(1 + farthest, 4 * UNIT_ROUNDOFF, out=lines[:, 6])
+    lines[:, 6] += 6 * moved
     return lines
 
 
@@ -64,8 +76,11 @@ def meet_planes(planes: Floats, lines: Floats) -> tuple[Floats, Floats]:
     w is off by u (1 + |o|) + u |w|, so T by |w|_1 e + 4 u (1 + |o|), where |.|_1 sums components and |o| is the
     largest; D by 3 e, as |d| <= 1; and the quotient by (e_T + |t| e_D) / (|D| - e_D) + u |t|. As e >= 7 u, a fourth e
     pays for the quotient and for adding the bound to it.
+
+    In the frame of an instance corners and, where the plane is met, the line may be moved by w in all (`placed`): T by
+    3 w |N|, which 6 w covers as long as e < 1, for with more there is no room; and N by f 6 w, which counts as e does.
     """
-    normal, error = planes[:3], planes[6]
+    normal, error = planes[:3], planes[6] + planes[7] * lines[6]
     way = planes[3:6] - lines[:3]
     product = lines[3:6] * normal
     denominator = product[0] + product[1]
@@ -93,12 +108,26 @@ class Measured(NamedTuple):
     """Candidates with the interval of their distance, in the frame, and whether they are certainly hit in range."""
 
     ray: Indices
-    triangle: Ids
+    primitive_id: Ids
     low: Floats
     certain: Booleans
 
     def select(self, index: Indices) -> Measured:
-        return Measured(self.ray.take(index), self.triangle.take(index), self.low.take(index), self.certain.take(index))
+        return Measured(*(column.take(index) for column in self))
+
+
+class Lanes(NamedTuple):
+    """k rays in the frames of instances that they enter.
+
+    ray : (k,) of the query; lines : (k, 8), see `make_lines`
+    unit : (k,) float64, a power of two: t in the frame is `unit` times that of the ray's line in `PlaneDecisions`
+    id_shift : (k,) int64, add to a row of planes to get the primitive id
+    """
+
+    ray: Indices
+    lines: Floats
+    unit: Floats
+    id_shift: Ids
 
 
 class PlaneDecisions:
@@ -130,43 +159,61 @@ class PlaneDecisions:
             np.multiply(query.surely_begun[rows], unit, out=self.begun[rows])
         np.copyto(self.best[rows], np.inf, where=np.isnan(self.best[rows]))
 
-    def take_in(self, ray: Indices, triangle: Indices, inside: Booleans) -> Indices:
-        """Measure candidates, of which `inside` says where the line certainly meets the triangle's inner; return the
-        rays whose `best` may have changed."""
+    def take_in(self, ray: Indices, row: Indices, inside: Booleans) -> Indices:
+        """Measure candidates, given by rows of `planes`, of which `inside` says where the line certainly meets the
+        triangle's inner; return the rays whose `best` may have changed."""
         if not self.query.narrows:
-            self.pool.append(Measured(ray, triangle, np.zeros(len(ray)), np.zeros(len(ray), bool)))
+            self.pool.append(Measured(ray, self._name(row), np.zeros(len(ray)), np.zeros(len(ray), bool)))
             return ray[:0]
-        parts = []
-        for start in range(0, len(ray), PAIR_BLOCK):
-            part = slice(start, start + PAIR_BLOCK)
-            parts.append(self._measure(ray[part], triangle[part], inside[part]))
+        return self._take_in([self._measure(ray[part], row[part], inside[part]) for part in _cut(len(ray))])
+
+    def take_in_lanes(self, lanes: Lanes, planes: Floats, lane: Indices, row: Indices, inside: Booleans) -> Indices:
+        """As `take_in`, of candidates in the frames of instances."""
+        parts = _cut(len(lane))
+        return self._take_in([self._measure_lanes(lanes, planes, lane[p], row[p], inside[p]) for p in parts])
+
+    def _name(self, row: Indices) -> Ids:
+        return name_rows(self.query.primitives, row)
+
+    def _measure(self, ray: Indices, row: Indices, inside: Booleans) -> tuple:
+        lines = np.ascontiguousarray(self.lines.take(ray, axis=0).T)
+        t, bound = meet_planes(np.ascontiguousarray(self.planes.take(row, axis=0).T), lines)
+        return self._judge(ray, self._name(row), inside, lines[7], t - bound, t + bound)
+
+    def _measure_lanes(self, lanes: Lanes, planes: Floats, lane: Indices, row: Indices, inside: Booleans) -> tuple:
+        lines = np.ascontiguousarray(lanes.lines.take(lane, axis=0).T)
+        t, bound = meet_planes(np.ascontiguousarray(planes.take(row, axis=0).T), lines)
+        shrink = 1 / lanes.unit.take(lane)
+        ray, named = lanes.ray.take(lane), row + lanes.id_shift.take(lane)
+        return self._judge(ray, named, inside, lines[7] * shrink, (t - bound) * shrink, (t + bound) * shrink)
+
+    def _judge(
+        self, ray: Indices, primitive_id: Ids, inside: Booleans, start: Floats, low: Floats, high: Floats
+    ) -> tuple:
+        """The columns of Measured and the upper end of the interval, of those that may be in range."""
+        # NaN is neither before nor behind.
+        possible = np.flatnonzero(~((high < start) | (low > self.best.take(ray))))
+        ray, low, high = ray.take(possible), low.take(possible), high.take(possible)
+        begun = start.take(possible) if self.begun is None else self.begun.take(ray)
+        certain = inside.take(possible) & (low >= begun) & (high <= self.t_max.take(ray))
+        return ray, primitive_id.take(possible), low, certain, high
+
+    def _take_in(self, parts: list[tuple]) -> Indices:
+        """Pool what `_judge` left, and lower `best`."""
         if not parts:
-            return ray
+            return np.zeros(0, np.intp)
         low_high = [np.concatenate(column) for column in zip(*parts, strict=True)]
         measured, high = Measured(*low_high[:4]), low_high[4]
         certain = np.flatnonzero(measured.certain)
         changed = measured.ray.take(certain)
         if self.query.any_hit:
-            self.query.settle(changed, measured.triangle.take(certain))
+            self.query.settle(changed, measured.primitive_id.take(certain))
             self.best[changed] = -np.inf
             measured = measured.select(np.flatnonzero(self.best.take(measured.ray) > -np.inf))
         else:
             np.minimum.at(self.best, changed, high.take(certain))
         self.pool.append(measured)
         return changed
-
-    def _measure(self, ray: Indices, triangle: Indices, inside: Booleans) -> tuple:
-        """The columns of Measured and the upper end of the interval, of those that may be in range."""
-        planes = np.ascontiguousarray(self.planes.take(triangle, axis=0).T)
-        lines = np.ascontiguousarray(self.lines.take(ray, axis=0).T)
-        t, bound = meet_planes(planes, lines)
-        low, high = t - bound, np.add(t, bound, out=t)
-        # NaN is neither before nor behind.
-        possible = np.flatnonzero(~((high < lines[7]) | (low > self.best.take(ray))))
-        ray, low, high = ray.take(possible), low.take(possible), high.take(possible)
-        begun = lines[7].take(possible) if self.begun is None else self.begun.take(ray)
-        certain = inside.take(possible) & (low >= begun) & (high <= self.t_max.take(ray))
-        return ray, triangle.take(possible), low, certain, high
 
     def finish(self, settles: bool = True) -> None:
         """Settle certain candidates that are their rays' only ones, unless there are others that are not here
@@ -179,8 +226,12 @@ class PlaneDecisions:
         if not self.query.any_hit and settles:
             alone = np.bincount(left.ray, minlength=len(self.best)).take(left.ray) == 1
             clear = left.select(np.flatnonzero(left.certain & alone))
-            self.query.settle(clear.ray, clear.triangle)
+            self.query.settle(clear.ray, clear.primitive_id)
             left = left.select(np.flatnonzero(~(left.certain & alone)))
         for start in range(0, len(left.ray), OFFER_PAIRS):
             part = slice(start, start + OFFER_PAIRS)
-            self.query.offer(left.ray[part], left.triangle[part])
+            self.query.offer(left.ray[part], left.primitive_id[part])
+
+
+def _cut(count: int) -> list[slice]:
+    return [slice(start, start + PAIR_BLOCK) for start in range(0, count, PAIR_BLOCK)]
