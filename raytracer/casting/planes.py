@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from raytracer.arrays.types import Booleans, Floats, Indices
+from raytracer.casting.framed import largest_row
 from raytracer.casting.geometry import Ids
 from raytracer.casting.primitives import name_rows
 from raytracer.casting.query import Query
@@ -21,6 +22,10 @@ from raytracer.predicates.rounding import UNIT_ROUNDOFF
 
 # Rows of 64 bytes: normal, corner, bound, bound per move; origin, direction, share of the bound, start of range.
 PLANE_COLUMNS = LINE_COLUMNS = 8
+# Directions longer than this, or shorter than its inverse, are left to `query` to be certain of: what is certain without
+# it may be in doubt there, where products of several lengths leave the range of pairs of float64, and is then measured
+# in integers.
+LONGEST = 2.0**100
 # Corners that may be moved by more than this are not measured: nothing is known of their lines.
 MOST_MOVED = 2.0**-20
 # Pairs measured at a time: what they need fits the cache.
@@ -33,8 +38,7 @@ def make_planes(corners: Floats, moved: bool = False) -> Floats:
     """(t, 8) normal N scaled to a largest component of 1, corner a, a bound e on the roundings that N brings, and f,
     of corners (3, 3, t) in the frame.
 
-    moved : whether corners may be moved, by up to MOST_MOVED, with the instance that they belong to (`placed`); else
-        f is 0
+    moved : whether corners may be moved, by up to MOST_MOVED, as instances' are (`dense.instances`); else f is 0
 
     A corner in the frame is off by u, so a side of at most s by u (2 + s); a component of N, two products of sides and
     their difference, by 8 u s (1 + s), of which 9 covers the second order. Scaling adds u; `meet_planes` adds up to
@@ -77,8 +81,9 @@ def meet_planes(planes: Floats, lines: Floats) -> tuple[Floats, Floats]:
     largest; D by 3 e, as |d| <= 1; and the quotient by (e_T + |t| e_D) / (|D| - e_D) + u |t|. As e >= 7 u, a fourth e
     pays for the quotient and for adding the bound to it.
 
-    In the frame of an instance corners and, where the plane is met, the line may be moved by w in all (`placed`): T by
-    3 w |N|, which 6 w covers as long as e < 1, for with more there is no room; and N by f 6 w, which counts as e does.
+    In the frame of an instance (`dense.instances`) corners and, where the plane is met, the line may be moved by w in
+    all: T by 3 w |N|, which 6 w covers as long as e < 1, for with more there is no room; and N by f 6 w, which counts
+    as e does.
     """
     normal, error = planes[:3], planes[6] + planes[7] * lines[6]
     way = planes[3:6] - lines[:3]
@@ -113,7 +118,9 @@ class Measured(NamedTuple):
     certain: Booleans
 
     def select(self, index: Indices) -> Measured:
-        return Measured(*(column.take(index) for column in self))
+        return Measured(
+            self.ray.take(index), self.primitive_id.take(index), self.low.take(index), self.certain.take(index)
+        )
 
 
 class Lanes(NamedTuple):
@@ -153,6 +160,9 @@ class PlaneDecisions:
         """
         query = self.query
         self.lines[rows] = make_lines(origin, direction, query.t_min[rows] * unit)
+        length = largest_row(np.abs(query.rays.directions[rows].T))
+        if len(length) and not (length.min() > 1 / LONGEST and length.max() < LONGEST):
+            self.lines[rows, 6] += np.where((length > 1 / LONGEST) & (length < LONGEST), 0.0, np.inf)
         np.multiply(query.rays.t_max[rows], unit, out=self.t_max[rows])
         np.multiply(query.best[rows], unit, out=self.best[rows])
         if self.begun is not None:

@@ -21,13 +21,15 @@ gamma64(8) (1 + |o| + way). The way itself has two roundings, so a start lies be
 Where the error is more than MOVED, beyond some 10^8 sizes of the scene, every box is entered. A ray that is far away
 still passes the scene for certain.
 
-In the frame of an instance (`placed`) corners may be moved by w, the ray's line, near the mesh, by w, and its direction
-by w / 2. An edge function changes by at most
+In the frame of an instance (`instances`) corners may be moved by w, the ray's line, near the mesh, by w, and its
+direction by w / 2. Where the line meets the triangle in P, no corner is farther from P than s in any component, and the
+edge function d . ((p - P) x (q - P)) changes by at most
 
-    12 w (1 + |m|)    by corners: (w x q + p x w) . d and m . w, three components each
-    6 w s             by the line, and as much by the direction, as p and q are no farther than s from where it passes
+    12 w s + 6 w^2    by corners: d . (w x (q - P) + (p - P) x w + w x w), three components of two products each
+    12 w s            by the line and by the direction, 6 w s each
 
-so by 13 w (1 + |m|) (s + c) / c for c = SMALLEST_MOVED_ROWS, which is added to the size s of those rows.
+so by 24 w + 6 w^2 / c < 29 w per unit of s + c, as w <= MOVED and c = SMALLEST_MOVED_ROWS is added to the size s of
+those rows. PLACED_SHARE w is added to the tolerance.
 """
 
 from __future__ import annotations
@@ -50,7 +52,7 @@ ORIGIN_SHARE = 3.0
 MOVED = 12 * FLOAT32_ROUNDOFF
 # Added to the size of the rows of triangles that are moved, and what a move then costs.
 SMALLEST_MOVED_ROWS = 2.0**-20
-PLACED_SHARE = 13 / SMALLEST_MOVED_ROWS
+PLACED_SHARE = 30.0
 # Rays prepared together: what they need fits the cache.
 BLOCK = 1 << 12
 # Rows of 32 bytes are gathered at twice the speed of others.
@@ -93,7 +95,7 @@ def prepare_rays(frame: Frame, decisions: PlaneDecisions) -> DenseRays:
 
 
 def fill_rows(rows: DenseRays, rays: FramedRays, moved: Floats | float = 0.0) -> None:
-    """Fill the rows of rays whose lines, and the triangles' corners, are `moved` by so much at most (`placed`)."""
+    """Fill the rows of rays whose lines, and the triangles' corners, are `moved` by so much at most (`instances`)."""
     origin, direction = rays.origin, rays.direction
     distance = largest_row(np.abs(origin))
     error = gamma(8) * (1 + distance) + moved
@@ -127,8 +129,7 @@ def _fill_lines(
     lines: NDArray[np.float32], origin: Floats, direction: Floats, error: Floats, moved: Floats | float
 ) -> None:
     moment = cross(origin, direction)
-    rounding = EDGE_ROUNDING + PLACED_SHARE * moved
-    tolerance = rounding * (1 + largest_row(np.abs(moment))) + ORIGIN_SHARE * error
+    tolerance = EDGE_ROUNDING * (1 + largest_row(np.abs(moment))) + ORIGIN_SHARE * error + PLACED_SHARE * moved
     scale = 1 / tolerance
     lines[:, :3], lines[:, 3:6] = (direction * scale).T, (moment * scale).T
     # Nothing is known of what overflows.

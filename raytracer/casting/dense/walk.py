@@ -80,9 +80,7 @@ class Descent:
 class Walk(Descent):
     """Rays on their way through a tree of triangles."""
 
-    def __init__(
-        self, tree: Blocks, rays: DenseRays, best: NDArray[np.float32], any_hit: bool, decide: Decide
-    ) -> None:
+    def __init__(self, tree: Blocks, rays: DenseRays, best: NDArray[np.float32], any_hit: bool, decide: Decide) -> None:
         super().__init__(tree.levels, rays, best)
         self.tree, self.any_hit, self.decide = tree, any_hit, decide
 

@@ -6,12 +6,14 @@ instance goes first, and what is hit there culls the rest.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Indices
 from raytracer.casting.bvh.stacks import Pairs
-from raytracer.casting.dense.instances import NO_INSTANCE, Instances, place_rays
+from raytracer.casting.dense.instances import NO_ENTRY, WHOLE, Instances, place_rays
 from raytracer.casting.dense.lines import DenseRays, to_bounds
 from raytracer.casting.dense.walk import Descent, Walk, split_nearest
 from raytracer.casting.planes import PlaneDecisions
@@ -20,6 +22,10 @@ from raytracer.casting.planes import PlaneDecisions
 MOST_PAIRS, MOST_LANES = 1 << 20, 1 << 17
 # With fewer lanes than this, calls cost more than lanes that the nearest instance's hits would have culled.
 FEWEST_LANES = 4096
+# Times that each ray's nearest one is opened alone, while there are more pairs than this for each ray: of nodes, whose
+# entries are opened in order anyway, and of entries.
+ROUNDS = 2
+FEW_NODES, FEW_ENTRIES = 1.0, 0.25
 
 
 class InstanceWalk(Descent):
@@ -38,28 +44,36 @@ class InstanceWalk(Descent):
         self._descend(self.drop_passed(others))
 
     def _descend(self, pairs: Pairs) -> None:
-        """Go from the root's children to the instances below."""
-        last = len(self.levels) - 1
-        for depth in range(1, last):
+        """Go from the root's children to the entries below."""
+        for depth in range(1, len(self.levels) - 1):
             pairs, _ = self.open_nodes(depth, pairs, False)
+        self._open_in_order(pairs, self._open_last, FEW_NODES)
+
+    def _open_last(self, pairs: Pairs) -> None:
+        """Open nodes of the last level."""
+        last = len(self.levels) - 1
         step = max(1, MOST_PAIRS * 2 // self.levels[last].shape[2])
         for start in range(0, len(pairs.row), step):
             part = self.drop_passed(pairs.part(slice(start, start + step)))
-            self._enter_in_order(self.open_nodes(last, part, False)[0])
+            entered, _ = self.open_nodes(last, part, False)
+            slot = self.instances.slots.take(entered.target)
+            filled = entered._replace(target=slot).select(np.flatnonzero(slot != NO_ENTRY))
+            self._open_in_order(filled, self._enter, FEW_ENTRIES)
 
-    def _enter_in_order(self, pairs: Pairs) -> None:
-        """Enter each ray's nearest instance, then what is left of the next, until few are left."""
-        slot = self.instances.slots.take(pairs.target)
-        pairs = pairs._replace(target=slot).select(np.flatnonzero(slot != NO_INSTANCE))
-        while len(pairs.row) > FEWEST_LANES:
-            first, pairs = split_nearest(pairs, None, len(self.best))
-            self._enter(first)
-            pairs = self.drop_passed(pairs)
-        self._enter(pairs)
+    def _open_in_order(self, pairs: Pairs, open_pairs: Callable[[Pairs], None], few: float) -> None:
+        """Open what is nearest to each ray, then what is left of the next, until there are few."""
+        fewest = max(FEWEST_LANES, int(few * len(self.best)))
+        for _ in range(ROUNDS):
+            if len(pairs.row) > fewest:
+                first, pairs = split_nearest(pairs, None, len(self.best))
+                open_pairs(first)
+                pairs = self.drop_passed(pairs)
+        for part in _rank(pairs) if len(pairs.row) > fewest else [pairs]:
+            open_pairs(self.drop_passed(part))
 
     def _enter(self, pairs: Pairs) -> None:
         """Walk through the trees of instances."""
-        tree = self.instances.tree.take(pairs.target)
+        tree = self.instances.tree.take(self.instances.instance.take(pairs.target))
         for number in np.flatnonzero(np.bincount(tree)):
             some = pairs.select(np.flatnonzero(tree == number)) if len(self.instances.trees) > 1 else pairs
             for start in range(0, len(some.row), MOST_LANES):
@@ -69,7 +83,7 @@ class InstanceWalk(Descent):
 
     def _walk(self, number: int, pairs: Pairs) -> None:
         """Walk through one tree."""
-        ray, instance = pairs.row.astype(np.intp), pairs.target.astype(np.intp)
+        ray, instance = pairs.row.astype(np.intp), self.instances.instance.take(pairs.target)
         rows, lanes = place_rays(self.instances, self.decisions.lines, ray, instance)
         tree, decisions = self.instances.trees[number], self.decisions
 
@@ -82,5 +96,26 @@ class InstanceWalk(Descent):
             walk.best[:] = bound_lanes()
 
         walk = Walk(tree, rows, bound_lanes(), decisions.query.any_hit, decide)
-        at_root = Pairs(np.arange(len(ray), dtype=np.int32), self.instances.root.take(instance), pairs.entry)
-        walk.run(walk.open_nodes(0, at_root, False)[0])
+        child = self.instances.child.take(pairs.target)
+        lane = np.arange(len(ray), dtype=np.int32)
+        begun = Pairs(lane, child.astype(np.uint16), np.full(len(ray), -np.inf, np.float32))
+        whole = np.flatnonzero(child == WHOLE)
+        if len(whole):
+            at_root = begun.select(whole)._replace(target=self.instances.root.take(instance.take(whole)))
+            walk.run(walk.open_nodes(0, at_root, False)[0])
+        if len(whole) < len(lane):
+            walk.run(begun.select(np.flatnonzero(child != WHOLE)))
+
+
+def _rank(pairs: Pairs) -> Iterator[Pairs]:
+    """Yield each ray's nearest one, its next two, its next four, and so on."""
+    # Floats that are not negative sort as their bits do.
+    nearness = np.maximum(pairs.entry, np.zeros_like(pairs.entry)).view(np.int32)
+    order = np.argsort((pairs.row.astype(np.int64) << 32) | nearness)
+    ray = pairs.row.take(order)
+    begins = np.concatenate([[True], ray[1:] != ray[:-1]])
+    place = np.arange(len(ray))
+    rank = place - np.maximum.accumulate(np.where(begins, place, 0))
+    group = np.frexp(rank + 1.0)[1]
+    for number in range(1, int(group.max()) + 1):
+        yield pairs.select(order.take(np.flatnonzero(group == number)))
