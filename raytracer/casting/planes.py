@@ -22,9 +22,8 @@ from raytracer.predicates.rounding import UNIT_ROUNDOFF
 
 # Rows of 64 bytes: normal, corner, bound, bound per move; origin, direction, share of the bound, start of range.
 PLANE_COLUMNS = LINE_COLUMNS = 8
-# Directions longer than this, or shorter than its inverse, are left to `query` to be certain of: what is certain without
-# it may be in doubt there, where products of several lengths leave the range of pairs of float64, and is then measured
-# in integers.
+# Rays with directions longer than this, or shorter than its inverse, are left to `query`: what is certain here may be
+# in doubt there, where products of lengths leave the range of pairs of float64, and is then measured in integers.
 LONGEST = 2.0**100
 # Corners that may be moved by more than this are not measured: nothing is known of their lines.
 MOST_MOVED = 2.0**-20

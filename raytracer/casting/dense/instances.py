@@ -188,9 +188,8 @@ def _build_levels(frame: Frame, boxes: Floats) -> tuple[list[NDArray[np.float32]
     filled = slot < sizes[:, np.newaxis]
     slots = np.where(filled, order.take(np.minimum(starts[:-1, np.newaxis] + slot, count - 1)), NO_ENTRY)
     placed = frame.place(boxes).take(slots, axis=0)  # (b, fan, 2, 3)
-    low, high = (
-        np.where(filled[..., np.newaxis], placed[:, :, side], -sign * NO_BOX) for side, sign in ((0, 1), (1, -1))
-    )
+    low = np.where(filled[..., np.newaxis], placed[:, :, 0], NO_BOX)
+    high = np.where(filled[..., np.newaxis], placed[:, :, 1], -NO_BOX)
     leaves = pack_boxes(low.reshape(-1, 3), high.reshape(-1, 3), fan)
     return [*make_levels(low.min(axis=1), high.max(axis=1)), leaves], slots.astype(np.int32).ravel()
 
