@@ -9,6 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import bpy
+from bpy.props import BoolProperty
+
 from .versions import blender_pass_name
 
 
@@ -25,6 +28,11 @@ class BlenderPass:
     kind: str
     option: str
 
+    @property
+    def is_own(self) -> bool:
+        """True where it is this add-on that gives view layers the option."""
+        return self.option.startswith("raytracer_")
+
 
 PASSES = {
     "Combined": BlenderPass("RGBA", "COLOR", "use_pass_combined"),
@@ -37,6 +45,8 @@ PASSES = {
     "Diffuse Color": BlenderPass("RGB", "COLOR", "use_pass_diffuse_color"),
     "Emission": BlenderPass("RGB", "COLOR", "use_pass_emit"),
     "Shadow": BlenderPass("RGB", "COLOR", "use_pass_shadow"),
+    "Error": BlenderPass("X", "VALUE", "raytracer_use_pass_error"),
+    "Sample Count": BlenderPass("X", "VALUE", "raytracer_use_pass_sample_count"),
 }
 
 
@@ -60,3 +70,29 @@ def declare_passes(engine: Any, scene: Any, view_layer: Any) -> None:
         engine.register_pass(
             scene, view_layer, blender_pass_name(name), len(stored.channels), stored.channels, stored.kind
         )
+
+
+DESCRIPTIONS = {
+    "Error": "Standard error of each pixel of Combined: the root mean square of its red, green and blue",
+    "Sample Count": "Number of samples of each pixel",
+}
+
+
+def register() -> None:
+    """Give view layers the options of the passes that Blender does not know."""
+    for name, stored in PASSES.items():
+        if stored.is_own:
+            chosen = BoolProperty(name=name, description=DESCRIPTIONS[name], default=False, update=_announce)
+            setattr(bpy.types.ViewLayer, stored.option, chosen)
+
+
+def unregister() -> None:
+    """Take them away."""
+    for stored in PASSES.values():
+        if stored.is_own:
+            delattr(bpy.types.ViewLayer, stored.option)
+
+
+def _announce(view_layer: Any, context: Any) -> None:
+    """Let the compositor have a socket for what is switched on."""
+    view_layer.update_render_passes()

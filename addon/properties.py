@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, IntProperty, PointerProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 
 from .versions import count_passages
 
@@ -81,14 +81,56 @@ def _set_workers_mode(settings: Any, mode: int) -> None:
 
 
 class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
-    """Settings of one scene; each is the keyword of the same name of `raytracer.render`, but for the viewport's."""
+    """Settings of one scene; most are the keyword of the same name of `raytracer.render` (`settings_keywords`)."""
 
+    use_noise_threshold: BoolProperty(  # type: ignore[valid-type]
+        name="Noise Threshold",
+        description="End the render as soon as its error is as small as asked for",
+        default=False,
+    )
+    noise_threshold: FloatProperty(  # type: ignore[valid-type]
+        name="Noise Threshold",
+        description="Root mean square error of the picture at which it is done, per cent of its mean level: "
+        "a share that is told from the samples themselves",
+        subtype="PERCENTAGE",
+        default=1.0,
+        min=0.001,
+        max=100.0,
+        soft_min=0.1,
+        soft_max=10.0,
+        precision=2,
+    )
+    use_adaptive_sampling: BoolProperty(  # type: ignore[valid-type]
+        name="Adaptive Sampling",
+        description="Give more samples to noisy pixels, at the cost of as many even ones; the picture stays right on "
+        "average. From 32 samples on",
+        default=False,
+    )
     samples: IntProperty(  # type: ignore[valid-type]
         name="Samples",
-        description="Light paths per pixel; noise falls at least with the square root of their number",
+        description="Light paths per pixel, at most where there is a noise threshold or a time limit; "
+        "noise falls at least with the square root of their number",
         default=64,
         min=1,
         soft_max=4096,
+    )
+    min_samples: IntProperty(  # type: ignore[valid-type]
+        name="Min Samples",
+        description="Number of light paths per pixel before which the noise threshold does not end the render; "
+        "0 chooses automatically",
+        default=0,
+        min=0,
+        soft_max=4096,
+    )
+    time_limit: FloatProperty(  # type: ignore[valid-type]
+        name="Time Limit",
+        description="Most time that a view layer may take, excluding reading the scene; the render ends after the "
+        "last sample that fits in. 0 sets no limit",
+        unit="TIME_ABSOLUTE",
+        default=0.0,
+        min=0.0,
+        soft_max=3600.0,
+        step=100,
     )
     viewport_samples: IntProperty(  # type: ignore[valid-type]
         name="Viewport Samples",
@@ -180,6 +222,10 @@ def settings_keywords(scene: Any) -> dict[str, Any]:
     settings = scene.reference_raytracer
     return {
         "samples": settings.samples,
+        "error": settings.noise_threshold / 100.0 if settings.use_noise_threshold else None,
+        "min_samples": settings.min_samples,
+        "seconds": settings.time_limit or None,
+        "adaptive": settings.use_adaptive_sampling,
         "integrator": settings.integrator.lower(),
         **{name: getattr(settings, name) for name in (*BOUNCE_LIMITS, *TAMING)},
         "transparent_bounces": count_passages(settings.transparent_bounces),

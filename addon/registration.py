@@ -5,13 +5,13 @@ from __future__ import annotations
 import atexit
 from typing import Any
 
-from . import inspector, panels, properties, scanning
+from . import inspector, panels, passes, properties, scanning
 from .compare import window
 from .compare.window import operators
 from .engine import engine
 from .scripting import held
 
-PARTS = (properties, engine, panels, inspector, window, scanning)
+PARTS = (properties, passes, engine, panels, inspector, window, scanning)
 
 _registered: list[Any] = []
 

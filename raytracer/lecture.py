@@ -39,7 +39,11 @@ def dot(u: ArrayLike, v: ArrayLike) -> Floats:
     >>> float(dot((1, 2, 1), (3, 1, 5)))
     10.0
     """
-    u, v = _as_floats(u, v)
+    return _sum_products(*_as_floats(u, v))
+
+
+def _sum_products(u: Floats, v: Floats) -> Floats:
+    """Return the sum of u_i v_i over the last axis, from the first to the last."""
     total = u[..., 0] * v[..., 0]
     for axis in range(1, max(u.shape[-1], v.shape[-1])):
         total = total + u[..., axis] * v[..., axis]
@@ -71,7 +75,8 @@ def length(v: ArrayLike) -> Floats:
     >>> float(length((3, 4)))
     5.0
     """
-    return np.sqrt(dot(v, v))
+    (v,) = _as_floats(v)
+    return np.sqrt(_sum_products(v, v))
 
 
 # Parametric equation of a line --------------------------------------------------------------------------------------

@@ -5,14 +5,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
-from .render import make_bar, parse_positive, parse_size
+from .render import make_bar, parse_positive, parse_share, parse_size
 
 DEFAULT_SIZE = (192, 108)
 DEFAULT_SAMPLES = {"cycles": 64, "ray_cast": 4096}
@@ -89,15 +88,6 @@ def run(arguments: argparse.Namespace) -> None:
         print_numbers(numbers)
     if arguments.require and numbers["verdict"] in CODES:
         raise CommandError(f"{numbers['verdict']}: {numbers['reason']}", CODES[numbers["verdict"]])
-
-
-def parse_share(text: str) -> float:
-    """Return the share that 'P%' or a number between 0 and 1 stands for."""
-    match = re.fullmatch(r"(\d*\.?\d+)(%?)", text)
-    share = float(match[1]) / (100 if match[2] else 1) if match else 0.0
-    if not 0 < share < 1:
-        raise argparse.ArgumentTypeError(f"expected a share between 0% and 100%, such as 1%, got {text!r}")
-    return share
 
 
 def check_picture(arguments: argparse.Namespace) -> None:

@@ -16,6 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("films", nargs="+", metavar="P.npz", help="the films of all tiles, or folders of them")
     parser.add_argument("-o", "--output", required=True, metavar="OUT.png|.exr", help="the picture to write")
     parser.set_defaults(size=None, samples=None, bounces=None, workers=None, precision=None, frame=None, frames=None)
+    parser.set_defaults(error=None, min_samples=None, seconds=None, adaptive=False)
 
 
 def run(arguments: argparse.Namespace) -> None:

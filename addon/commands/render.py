@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import re
 import sys
 from collections.abc import Iterator
@@ -23,11 +24,14 @@ from .command_line import CommandError, check_replaceable_picture, first_line, h
 
 SUFFIXES = (".png", ".exr")
 PRECISIONS = ("certified", "float64", "float32")
+# With --error and no --samples: as many as Cycles takes with a noise threshold.
+MOST_SAMPLES = 4096
 # What --bounces sets.
 BOUNCES = ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces")
 JSON_KEYS = (
     *("passes", "width", "height", "samples", "triangles", "rays"),
     *("build_seconds", "trace_seconds", "total_seconds", "peak_memory_mb", "warnings"),
+    *("error", "error_interval", "error_p99", "error_note", "ended_by"),
 )
 
 
@@ -52,6 +56,16 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that stand in for settings of the scene."""
     parser.add_argument("--size", type=parse_size, metavar="WxH", help="pixels; default: the file's, as in the rest")
     parser.add_argument("--samples", type=parse_positive, metavar="N", help="samples per pixel")
+    parser.add_argument(
+        "--error",
+        type=parse_share,
+        metavar="E%",
+        help="end at this error, the root mean square over the mean level; "
+        f"takes at most {MOST_SAMPLES} samples, or --samples",
+    )
+    parser.add_argument("--min-samples", type=parse_count, metavar="N", help="samples before --error may end it")
+    parser.add_argument("--adaptive", action="store_true", help="give more samples to noisy pixels")
+    parser.add_argument("--seconds", type=parse_seconds, metavar="S", help="end after so many seconds of tracing")
     parser.add_argument("--bounces", type=parse_count, metavar="N", help="most bounces of a path, of any kind")
     parser.add_argument("--passes", type=parse_names, metavar="A,B", help="passes of a multilayer EXR: Depth,Normal")
     parser.add_argument("--precision", choices=PRECISIONS, help="how intersections are computed")
@@ -83,6 +97,22 @@ def parse_count(text: str, lowest: int = 0) -> int:
 def parse_positive(text: str) -> int:
     """Return a whole number of at least 1."""
     return parse_count(text, lowest=1)
+
+
+def parse_share(text: str) -> float:
+    """Return the share that 'P%' or a number between 0 and 1 stands for."""
+    match = re.fullmatch(r"(\d*\.?\d+)(%?)", text)
+    share = float(match[1]) / (100 if match[2] else 1) if match else 0.0
+    if not 0 < share < 1:
+        raise argparse.ArgumentTypeError(f"expected a share between 0% and 100%, such as 1%, got {text!r}")
+    return share
+
+
+def parse_seconds(text: str) -> float:
+    """Return a number of seconds above 0."""
+    if not re.fullmatch(r"\d+(\.\d+)?", text) or float(text) == 0:
+        raise argparse.ArgumentTypeError(f"expected a number of seconds above 0, got {text!r}")
+    return float(text)
 
 
 def parse_names(text: str) -> tuple[str, ...]:
@@ -129,9 +159,10 @@ def check_output(path: Path, passes: tuple[str, ...] | None) -> Path:
 def check_limits(scene: Any, arguments: argparse.Namespace) -> None:
     """Raise CommandError where a number is larger than Blender's property for it."""
     settings = scene.reference_raytracer.bl_rna.properties
-    properties = {"samples": settings["samples"], "bounces": settings[BOUNCES[0]], "workers": settings["workers"]}
+    names = ("samples", "min_samples", "workers")
+    properties = {name: settings[name] for name in names} | {"bounces": settings[BOUNCES[0]]}
     for name, limits in properties.items():
-        check_limit(f"--{name}", getattr(arguments, name), limits)
+        check_limit(f"--{name.replace('_', '-')}", getattr(arguments, name), limits)
     frames = scene.bl_rna.properties["frame_current"]
     check_limit("--frame", arguments.frame, frames)
     for frame in (arguments.frames.start, arguments.frames.stop - 1) if arguments.frames else ():
@@ -161,7 +192,12 @@ def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
         render.resolution_x, render.resolution_y = arguments.size
         render.resolution_percentage = 100
     for name, value in (
-        ("samples", arguments.samples),
+        ("samples", arguments.samples or (arguments.error and max(settings.samples, MOST_SAMPLES))),
+        ("use_noise_threshold", arguments.error and True),
+        ("noise_threshold", arguments.error and 100.0 * arguments.error),
+        ("min_samples", arguments.min_samples),
+        ("use_adaptive_sampling", arguments.adaptive or None),
+        ("time_limit", arguments.seconds),
         *((name, arguments.bounces) for name in BOUNCES),
         ("workers", arguments.workers),
         ("precision", arguments.precision and arguments.precision.upper()),
@@ -267,8 +303,17 @@ def print_result(path: Path, taken: Any, as_json: bool) -> None:
     """Print the picture's path on standard output and its warnings on standard error, or all as one line of JSON."""
     if as_json:
         values = {**asdict(taken), "warnings": list(map(str, taken.warnings))}
+        values |= {"error": finite(taken.error), "error_p99": finite(taken.error_p99)}
+        values["error_interval"] = list(map(finite, taken.error_interval))
         print(json.dumps({key: values[key] for key in JSON_KEYS}), flush=True)
         return
     for warning in taken.warnings:
         print(f"warning: {warning}", file=sys.stderr)
+    if taken.error_note:
+        print(f"note: {taken.error_note}", file=sys.stderr)
     print(path, flush=True)
+
+
+def finite(number: float) -> float | None:
+    """Return a number as JSON knows it, or None for what is unknown."""
+    return number if math.isfinite(number) else None

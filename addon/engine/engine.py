@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 
 import raytracer
+from raytracer.film.error import format_error
 from raytracer.processes.python import print_traceback
 from raytracer.processes.workers import WorkerError
 
@@ -34,6 +35,8 @@ from .output import Border, RenderOutput, read_border
 TEXT_INTERVAL = 0.1
 PICTURE_INTERVAL = 0.5
 PICTURE_SHARE = 0.1
+# The share of the time that telling the error may take.
+ERROR_SHARE = 0.02
 
 # Light paths per pixel of Blender's previews of materials, worlds and lights.
 PREVIEW_SAMPLES = 8
@@ -123,6 +126,7 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         return
     for warning in warnings:
         engine.report({"WARNING"}, str(warning))
+    error = film.measure_error()
     taken = statistics.Statistics(
         passes=enabled_passes(view_layer),
         width=border.width,
@@ -136,6 +140,11 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         peak_memory_mb=statistics.read_peak_memory(),
         warnings=warnings,
         cancelled=film.cancelled,
+        ended_by=film.ended_by,
+        error=error.error,
+        error_interval=error.interval,
+        error_p99=error.error_p99,
+        error_note=error.note,
     )
     statistics.record_view_layer(depsgraph.scene, taken, first=engine.layers_done == 0)
 
@@ -183,7 +192,8 @@ def trace(
     frame = engine.resolution_x, engine.resolution_y
     settings = settings_keywords(depsgraph.scene_eval)
     if engine.is_preview:
-        settings |= {"samples": PREVIEW_SAMPLES, "workers": 1}  # to start workers would take longer
+        # To start workers would take longer.
+        settings |= {"samples": PREVIEW_SAMPLES, "workers": 1, "error": None, "seconds": None}
     progress.show_stage("Building")
     started = time.perf_counter()
     precision = settings["precision"]
@@ -230,9 +240,9 @@ class Progress:
         self.is_watched = not (bpy.app.background or engine.is_preview)
         self._engine = engine
         self._layer_count = max(layer_count, engine.layers_done + 1)
-        self._samples = ""
+        self._samples = self._error = ""
         self._first: tuple[float, float] | None = None  # time and share when tracing had begun
-        self._next_text = self._next_picture = time.perf_counter()
+        self._next_text = self._next_picture = self._next_error = time.perf_counter()
 
     def show_stage(self, stage: str) -> None:
         """Say what begins; the bar stands at what the view layers before have done."""
@@ -245,7 +255,7 @@ class Progress:
         if now < self._next_text and share < 1:
             return
         self._next_text = now + TEXT_INTERVAL
-        self._engine.update_stats("", f"{self._samples}{self._estimate_remaining(now, share)}")
+        self._engine.update_stats("", f"{self._samples}{self._error}{self._estimate_remaining(now, share)}")
         of_frame = (self._engine.layers_done + share) / self._layer_count
         self._engine.update_progress(of_frame)
         for listener in progress_listeners:
@@ -259,11 +269,12 @@ class Progress:
         if share <= first_share:
             return "Tracing"
         pace = (now - first_time) / (share - first_share)
-        return f"Remaining {format_duration(pace * (1 - share))}"
+        return f"remaining {format_duration(pace * (1 - share))}"
 
     def show_pass(self, film: Any, done: int, total: int) -> None:
-        """Count the samples; update the picture now and then, where there is a screen to see it on."""
+        """Count the samples; tell the error now and then, and update the picture where there is a screen to see it."""
         self._samples = f"Sample {done}/{total} | "
+        self._tell_error(film)
         started = time.perf_counter()
         if not self.is_watched or done == total or started < self._next_picture:
             return
@@ -271,6 +282,14 @@ class Progress:
         self.output.show()
         finished = time.perf_counter()
         self._next_picture = finished + max(PICTURE_INTERVAL, (finished - started) / PICTURE_SHARE)
+
+    def _tell_error(self, film: Any) -> None:
+        started = time.perf_counter()
+        if started < self._next_error or film.samples < 2:
+            return
+        self._error = f"error {format_error(film.error)} | "
+        finished = time.perf_counter()
+        self._next_error = finished + (finished - started) / ERROR_SHARE
 
 
 def format_duration(seconds: float) -> str:

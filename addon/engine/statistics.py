@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +24,9 @@ class Statistics:
     peak_memory_mb : the most memory that the process ever held, or None where the system does not tell
     warnings : one for each thing that was not rendered as the scene says
     cancelled : True where the user stopped it
+    ended_by : why it has no more samples, 'samples', 'error', 'time' or 'cancelled'
+    error, error_interval, error_p99, error_note : how wrong Combined is, of the view layer where that is most
+        (`raytracer.film.error.PictureError`)
     """
 
     passes: tuple[str, ...]
@@ -37,6 +41,11 @@ class Statistics:
     peak_memory_mb: float | None
     warnings: tuple[Warning, ...]
     cancelled: bool = False
+    ended_by: str = "samples"
+    error: float = math.inf
+    error_interval: tuple[float, float] = (0.0, math.inf)
+    error_p99: float = math.inf
+    error_note: str = ""
 
     @property
     def rays_per_second(self) -> float:
@@ -64,6 +73,7 @@ def forget_all() -> None:
 
 
 def _add(one: Statistics, other: Statistics) -> Statistics:
+    worse = max(one, other, key=lambda layer: layer.error)
     return Statistics(
         passes=tuple(dict.fromkeys(one.passes + other.passes)),
         width=other.width,
@@ -77,6 +87,11 @@ def _add(one: Statistics, other: Statistics) -> Statistics:
         peak_memory_mb=other.peak_memory_mb,
         warnings=tuple(dict.fromkeys(one.warnings + other.warnings)),
         cancelled=one.cancelled or other.cancelled,
+        ended_by=other.ended_by if one.ended_by == "samples" else one.ended_by,
+        error=worse.error,
+        error_interval=worse.error_interval,
+        error_p99=worse.error_p99,
+        error_note=worse.error_note,
     )
 
 

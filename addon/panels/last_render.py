@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,11 +12,15 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.props import StringProperty
 
+from raytracer.film.error import format_error
+
 from ..editors import count_letters, redraw, wrap_text
 from ..engine.statistics import Statistics, last_render
 from ..extract.warnings import Warning
 from .shared import RenderPanel
 
+# What is said of a render that did not take all samples.
+ENDINGS = {"samples": "", "error": " (noise threshold)", "time": " (time limit)"}
 # More would fill the tab; the console has all.
 MOST_WARNINGS = 30
 
@@ -36,13 +41,17 @@ class RAYTRACER_RENDER_PT_statistics(RenderPanel, bpy.types.Panel):
         for name, value in describe_statistics(statistics):
             names.label(text=name)
             values.label(text=value)
+        note = wrap_text(statistics.error_note, count_letters(context)) if statistics.error_note else []
+        for index, line in enumerate(note):
+            self.layout.label(text=line, icon="BLANK1" if index else "INFO")
 
 
 def describe_statistics(statistics: Statistics) -> Iterator[tuple[str, str]]:
     """Yield the lines of the statistics panel as names and values with units."""
     memory = statistics.peak_memory_mb
     yield "Resolution", f"{statistics.width} x {statistics.height}"
-    yield "Samples", f"{statistics.samples}{' (stopped)' if statistics.cancelled else ''}"
+    yield "Samples", f"{statistics.samples}{' (stopped)' if statistics.cancelled else ENDINGS[statistics.ended_by]}"
+    yield from describe_error(statistics)
     yield "Triangles", f"{statistics.triangles:,}"
     yield "Rays", f"{statistics.rays:,}"
     yield "Speed", f"{statistics.rays_per_second / 1e6:.2f} million rays/s"
@@ -50,6 +59,16 @@ def describe_statistics(statistics: Statistics) -> Iterator[tuple[str, str]]:
     yield "Trace", f"{statistics.trace_seconds:.2f} s"
     yield "Total", f"{statistics.total_seconds:.2f} s"
     yield "Peak memory", "unknown" if memory is None else f"{memory:,.0f} MB"
+
+
+def describe_error(statistics: Statistics) -> Iterator[tuple[str, str]]:
+    """Yield the lines about the error; one sample tells nothing."""
+    if not math.isfinite(statistics.error):
+        yield "Error", "unknown"
+        return
+    low, high = map(format_error, statistics.error_interval)
+    yield "Error", f"{format_error(statistics.error)} ({low} to {high})"
+    yield "Without noisiest 1%", format_error(statistics.error_p99)
 
 
 class RAYTRACER_RENDER_PT_warnings(RenderPanel, bpy.types.Panel):

@@ -23,9 +23,19 @@ class RAYTRACER_RENDER_PT_sampling(RenderPanel, bpy.types.Panel):
 
     def draw(self, context: Any) -> None:
         column, settings = split(self), context.scene.reference_raytracer
+        column.prop(settings, "viewport_samples", text="Viewport")
+        row = column.row(heading="Noise Threshold")
+        row.prop(settings, "use_noise_threshold", text="")
+        threshold = row.row()
+        threshold.active = settings.use_noise_threshold
+        threshold.prop(settings, "noise_threshold", text="")
         samples = column.column(align=True)
-        samples.prop(settings, "viewport_samples", text="Viewport")
-        samples.prop(settings, "samples", text="Render")
+        samples.prop(settings, "samples", text="Max Samples" if settings.use_noise_threshold else "Render")
+        least = samples.column(align=True)
+        least.active = settings.use_noise_threshold
+        least.prop(settings, "min_samples")
+        column.prop(settings, "time_limit")
+        column.prop(settings, "use_adaptive_sampling")
         column.prop(settings, "seed")
 
 

@@ -6,9 +6,11 @@ looks from, and looks at pictures when they come. Nothing here draws or needs a 
 
 from __future__ import annotations
 
+import math
 import pickle
 from typing import Any
 
+from raytracer.film.error import format_error
 from raytracer.processes.child import describe_error
 from raytracer.processes.python import print_traceback
 from raytracer.rendering.progressive import Picture, Target
@@ -21,6 +23,8 @@ from .views import EmptyBorderError, read_view
 
 # The most camera rays traced at a time: a new job waits for as many at most.
 BLOCK_SIZE = 1 << 15
+# What the viewport has its own of, says elsewhere, or does not follow: it goes on to the last of its samples.
+NOT_OF_VIEWPORTS = ("samples", "workers", "precision", "error", "min_samples", "seconds")
 
 
 class Session:
@@ -101,13 +105,19 @@ class Session:
         if error:
             return f"Error: {error}"
         picture = report.picture if report else None
-        return f"Sample {picture.samples}/{picture.total}" if picture else "Starting"
+        return describe_picture(picture) if picture else "Starting"
 
     def close(self) -> None:
         """Leave the process to others; may be called again."""
         if not self.is_closed:
             self.is_closed = True
             pool.give_back(self._live)
+
+
+def describe_picture(picture: Picture) -> str:
+    """Return how far a picture is, and how wrong as far as that is known."""
+    done = f"Sample {picture.samples}/{picture.total}"
+    return f"{done} | error {format_error(picture.error)}" if math.isfinite(picture.error) else done
 
 
 def explain(error: Exception) -> str:
@@ -120,7 +130,7 @@ def explain(error: Exception) -> str:
 def make_target(view: Any, scene: Any, pixel_size: int) -> Target:
     """Return what to draw of a view, by the scene's settings."""
     settings = settings_keywords(scene)
-    for name in ("samples", "workers", "precision"):  # the viewport has its own, or says them elsewhere
+    for name in NOT_OF_VIEWPORTS:
         del settings[name]
     return Target(
         view.camera,

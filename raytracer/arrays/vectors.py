@@ -33,6 +33,13 @@ def normalize(vectors: Floats) -> Floats:
     return unit.reshape(vectors.shape)
 
 
+def _join_components(x: Floats, y: Floats, z: Floats) -> Floats:
+    """Return vectors (..., 3) of components (...)."""
+    vectors = np.empty((*x.shape, 3))
+    vectors[..., 0], vectors[..., 1], vectors[..., 2] = x, y, z
+    return vectors
+
+
 def transform(matrix: Floats, vectors: Floats) -> Floats:
     """Return M v for each vector, (..., m); M : (m, k) float64, vectors : (..., k) float64.
 
@@ -44,19 +51,26 @@ def transform(matrix: Floats, vectors: Floats) -> Floats:
 
 def make_frame(normals: Floats) -> tuple[Floats, Floats]:
     """Return two unit vectors, each (n, 3), that form a right-handed frame (u, v, normal) with unit normals (n, 3)."""
-    x, y, z = normals[:, 0], normals[:, 1], normals[:, 2]
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
+    u, v = _find_frame(*normals.T)
+    return _join_components(*u), _join_components(*v)
+
+
+_Components = tuple[Floats, Floats, Floats]
+
+
+def _find_frame(x: Floats, y: Floats, z: Floats) -> tuple[_Components, _Components]:
+    """Return the components of both vectors of `make_frame` for those (n,) of normals."""
+    sign: Floats = np.copysign(1.0, z)
+    a: Floats = -1.0 / (sign + z)
     b = x * y * a
-    u = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
-    v = np.stack([b, sign + y * y * a, -y], axis=1)
-    return u, v
+    return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
 
 
 def to_world(local: Floats, normals: Floats) -> Floats:
     """Return x u + y v + z n for local (n, 3) components in the frames of unit normals (n, 3)."""
-    u, v = make_frame(normals)
-    return local[:, 0:1] * u + local[:, 1:2] * v + local[:, 2:3] * normals
+    x, y, z = local.T
+    axes = zip(*_find_frame(*normals.T), normals.T, strict=True)
+    return _join_components(*(x * u + y * v + z * normal for u, v, normal in axes))
 
 
 def reflect(outgoing: Floats, normals: Floats) -> Floats:

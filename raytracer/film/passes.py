@@ -18,6 +18,7 @@ class Pass:
     from_centre : True where the value is that of the ray through the pixel's centre, not a mean over samples
     miss : what each channel holds where that ray hits nothing
     needs_light : True where it takes more than the first surface to know it
+    is_derived : True where it is no path's to say: it tells of the samples of other passes
     is_index : True where values are names of things, of which no two can be averaged or compared by size
     """
 
@@ -25,6 +26,7 @@ class Pass:
     from_centre: bool = False
     miss: float = 0.0
     needs_light: bool = False
+    is_derived: bool = False
     is_index: bool = False
 
 
@@ -39,6 +41,8 @@ PASSES = {
     "Diffuse Color": Pass(3, needs_light=True),
     "Emission": Pass(3, needs_light=True),
     "Shadow": Pass(3, needs_light=True),  # share of the direct light that reaches the surface
+    "Error": Pass(1, needs_light=True, is_derived=True),  # standard error of Combined, the root mean square of R, G, B
+    "Sample Count": Pass(1, is_derived=True),
 }
 
 
@@ -48,9 +52,19 @@ PASSES = {
 CAUGHT = "Caught"
 
 
+# Beside Combined where samples are adaptive: how many casts the path of a sample took.
+LENGTH = "Path Length"
+
 STORED = {**PASSES, CAUGHT: Pass(11)}
 
 
 def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
-    """Return those of the passes that come from the pixel's centre, or those that do not."""
-    return tuple(name for name in names if PASSES[name].from_centre == from_centre)
+    """Return those of the passes that come from the pixel's centre, or what the others are made of.
+
+    Examples
+    --------
+    >>> select_passes(["Depth", "Error", "Normal"], from_centre=False)
+    ('Combined', 'Normal')
+    """
+    made_of = dict.fromkeys("Combined" if name == "Error" else name for name in names)
+    return tuple(name for name in made_of if PASSES[name].from_centre == from_centre and not PASSES[name].is_derived)

@@ -17,11 +17,13 @@ from raytracer.integrator.bounces import meet_lights
 from raytracer.integrator.clamping import clamp_met
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.paths import PathPasses, Paths, Wave
+from raytracer.integrator.picked_lights import LightGroup, split_by_light
 from raytracer.lecture import length
 from raytracer.lights.emitters import emitter_density
 from raytracer.lights.environment import Environment, environment_density, evaluate_environment
 from raytracer.lights.light_nodes import ComputedLight, find_factor
 from raytracer.lights.light_shapes import LightHits
+from raytracer.lights.light_tree import find_near_lights
 from raytracer.lights.lights import evaluate_light
 from raytracer.sampling.direction_map import map_density
 from raytracer.sampling.sampler import Sampler
@@ -69,10 +71,29 @@ def add_visible_lights(integrator: Integrator, passes: PathPasses, paths: Paths,
     """Rays see the lights that they pass before they hit, if those are for them to see."""
     for light in integrator.visible_lights:
         add_visible_light(integrator, light, passes, paths, hits)
+    for group in integrator.visible_groups:
+        add_visible_group(integrator, group, passes, paths, hits)
 
 
-def add_visible_light(integrator: Integrator, light: Light, passes: PathPasses, paths: Paths, hits: Hits) -> None:
-    """Add what rays see of one light; the directions of camera rays may have any length."""
+def add_visible_group(integrator: Integrator, group: LightGroup, passes: PathPasses, paths: Paths, hits: Hits) -> None:
+    """Add what rays see of many lights."""
+    rows = np.flatnonzero(meet_lights(paths.kind, group.example.seen_by))
+    paths, hits = paths.select(rows), hits.select(rows)
+    ray, number = find_near_lights(group.tree, paths.scatter_origin, paths.rays.directions)
+    points = group.describe(paths.scatter_origin[ray], paths.scatter_normal[ray], paths.scatterer[ray])
+    chance = group.find_chance(number, points)
+    for light, pairs in split_by_light(group, number):
+        met = ray[pairs]
+        add_visible_light(integrator, light, passes, paths.select(met), hits.select(met), chance[pairs])
+
+
+def add_visible_light(
+    integrator: Integrator, light: Light, passes: PathPasses, paths: Paths, hits: Hits, chance: Floats | float = 1.0
+) -> None:
+    """Add what rays see of one light; the directions of camera rays may have any length.
+
+    chance : with which the light was aimed at where the rays come from, one for all or (n,)
+    """
     rows = np.flatnonzero(meet_lights(paths.kind, light.seen_by))
     paths = paths.select(rows)
     unit = length(paths.rays.directions)
@@ -81,7 +102,8 @@ def add_visible_light(integrator: Integrator, light: Light, passes: PathPasses, 
     passed = (seen.density > 0) & begun & (seen.distance <= hits.distance[rows] * unit)
     if integrator.links is not None:
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
-    share = np.where(passed, power_heuristic(paths.density, seen.density), 0.0)[:, np.newaxis]
+    sampled = seen.density if isinstance(chance, float) else seen.density * chance[rows]
+    share = np.where(passed, power_heuristic(paths.density, sampled), 0.0)[:, np.newaxis]
     computed = integrator.light_nodes.get(light)
     radiance = seen.radiance if computed is None else vary_seen(computed, paths, seen, passed)
     radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)

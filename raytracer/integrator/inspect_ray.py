@@ -30,7 +30,7 @@ from raytracer.film.camera import primary_rays
 from raytracer.integrator.bounces import classify_rays, find_ended
 from raytracer.integrator.contributions import add_background, add_emission, add_visible_lights, describe_path
 from raytracer.integrator.direct_light import sample_lights
-from raytracer.integrator.integrator import Integrator, find_lift, light_is_on, prepare
+from raytracer.integrator.integrator import DEFAULT_RESOLUTION, Integrator, find_lift, light_is_on, prepare
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
 from raytracer.integrator.loop import count_all, find_closed
 from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
@@ -116,7 +116,7 @@ def make_inspector(
     resolution : of the full picture, pixels, for materials that ask
     """
     settings = replace(settings, integrator="direct", passes=("Combined",), transparent=False)
-    integrator = prepare(scene, caster, settings, *(() if resolution is None else (resolution,)))
+    integrator = prepare(scene, caster, settings, resolution or DEFAULT_RESOLUTION, aims_at_all=True)
     lights = tuple(number for number, light in enumerate(scene.lights) if light_is_on(light))
     return Inspector(scene, caster, integrator, lights)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Booleans, Masks
 from raytracer.casting.ray_visibility import CastRays, RayCaster, SceneCaster, make_cast
 from raytracer.casting.subset_caster import SubsetCaster
-from raytracer.film.passes import PASSES
+from raytracer.film.passes import PASSES, select_passes
 from raytracer.integrator.features import Features, derive_features
 from raytracer.integrator.light_sources import (
     EmissiveGeometry,
@@ -26,6 +26,7 @@ from raytracer.integrator.light_sources import (
     make_world_sources,
     set_chances,
 )
+from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_picked_sources, split_lights
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, transparent_visibility
 from raytracer.lights.emitters import Emitters, make_emitters
@@ -59,6 +60,7 @@ class Integrator:
     visible_lights : lights that a reflected ray can meet
     light_nodes : what evaluates the nodes of lights that have any
     counts_bounces : True where a light asks how many bounces led to what it lights
+    visible_groups : many lights likewise
     emitters : None where nothing is emissive
     background : the world, or None where it is black
     visibility : how shadow rays fare
@@ -101,6 +103,7 @@ class Integrator:
     catchers_only: Integrator | None = None
     light_nodes: Mapping[Light, ComputedLight] = field(default_factory=dict)
     counts_bounces: bool = False
+    visible_groups: tuple[LightGroup, ...] = ()
 
 
 def prepare(
@@ -109,11 +112,13 @@ def prepare(
     settings: Settings,
     resolution: tuple[int, int] = DEFAULT_RESOLUTION,
     take_part: Callable[[Booleans], RayCaster] | None = None,
+    aims_at_all: bool = False,
 ) -> Integrator:
     """Compose the stages that `scene` needs for the passes in `settings`.
 
     resolution : of the full picture, pixels
     take_part : returns the caster of some instances and groups of spheres; None: a SubsetCaster
+    aims_at_all : True for a source for each light, however many there are
     """
     features = derive_features(scene)
     needs_light = asks_for_light(settings)
@@ -134,7 +139,9 @@ def prepare(
     computed: dict[Light, ComputedLight] = {}
     if features.light_nodes and needs_light:
         computed = make_computed_lights(scene.lights, scene.camera, resolution)
-    compose = partial(_compose, scene, settings, features, tables, materials, background, terminator, computed)
+    compose = partial(
+        _compose, scene, settings, features, tables, materials, background, terminator, computed, aims_at_all
+    )
     whole = compose(caster)
     if not catches_shadows(features, settings):
         return whole
@@ -158,7 +165,7 @@ def asks_for_light(settings: Settings) -> bool:
 
 def catches_shadows(features: Features, settings: Settings) -> bool:
     """True where shadow catchers change the picture."""
-    return features.shadow_catchers and "Combined" in settings.passes
+    return features.shadow_catchers and "Combined" in select_passes(settings.passes, from_centre=False)
 
 
 def _compose(
@@ -170,12 +177,14 @@ def _compose(
     background: Environment | None,
     terminator: Terminator | None,
     computed: Mapping[Light, ComputedLight],
+    aims_at_all: bool,
     caster: RayCaster,
     present: Booleans | None = None,
 ) -> Integrator:
     """Return the stages of a scene, or of its shadow catchers alone, with what lights them.
 
     computed : what evaluates the nodes of lights that have any
+    aims_at_all : as of `prepare`
     caster : of what is present
     present : (instances + groups,) bool, which are shadow catchers; None for the whole scene
     """
@@ -187,9 +196,12 @@ def _compose(
     seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
     lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     links = _link_lights(scene) if features.light_linking else None
-    sources = [
-        make_light_source(light, features.rough or interreflects, links, computed.get(light)) for light in lights
+    groups: list[LightGroup]
+    aimed_at, groups = (lights, []) if aims_at_all else split_lights(lights, links, computed)
+    sources: list[LightSource] = [
+        make_light_source(light, features.rough or interreflects, links, computed.get(light)) for light in aimed_at
     ]
+    sources += [source for group in groups for source in make_picked_sources(group)]
     if emitters is not None:
         by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by) else None
         sources.append(EmissiveGeometry(emitters=emitters, links=links, seen_by_object=by_object))
@@ -202,9 +214,12 @@ def _compose(
     # What is left out keeps its dimensions, so that the others are sampled alike with it and without.
     sources = [source for source in sources if _is_present(source, catchers_only=present is not None)]
     if present is not None:
-        lights = [light for light in lights if light.shadow_catcher]
+        aimed_at = [light for light in aimed_at if light.shadow_catcher]
+        groups = [group for group in groups if group.example.shadow_catcher]
         settings = replace(settings, passes=("Combined",))
-    visible_lights = _find_visible(lights, features.specular or interreflects)
+    looks = features.specular or interreflects
+    visible_lights = tuple(light for light in aimed_at if has_extent(light) and _is_met(light, looks))
+    visible_groups = tuple(group for group in groups if group.has_extent and _is_met(group.example, looks))
     order = make_order(tables)
     cast = make_cast(caster, seen_by, order)
     if features.transparency:
@@ -230,7 +245,8 @@ def _compose(
         needs_light=needs_light,
         goes_on=features.specular or features.transparency or interreflects,
         interreflects=interreflects,
-        emission_ahead=bool(visible_lights) or emitters is not None or background is not None,
+        visible_groups=visible_groups,
+        emission_ahead=bool(visible_lights) or bool(visible_groups) or emitters is not None or background is not None,
         dimensions=dimensions,
         links=links,
         tells_paths=features.light_path
@@ -263,16 +279,18 @@ def _is_present(source: LightSource, catchers_only: bool) -> bool:
     """True for a source of the scene; or, without all but shadow catchers, one that lights those."""
     if isinstance(source, SampledLight):
         return source.light.shadow_catcher or not catchers_only
+    if isinstance(source, PickedLight):
+        return source.group.example.shadow_catcher or not catchers_only
     return not (isinstance(source, EmissiveGeometry) and source.emitters.is_empty)
 
 
-def _find_visible(lights: list[Light], reflects: bool) -> tuple[Light, ...]:
-    """Return the lights that rays can meet.
+def _is_met(light: Light, reflects: bool) -> bool:
+    """True where rays see a light that they meet.
 
     reflects : True where reflected rays look for light, and not the camera's alone
     """
     meeting = SEEN_BY_ALL - SEEN_BY["shadow"] if reflects else SEEN_BY["camera"]
-    return tuple(light for light in lights if has_extent(light) and light.seen_by & meeting)
+    return bool(light.seen_by & meeting)
 
 
 def light_is_on(light: Light) -> bool:

@@ -17,6 +17,7 @@ from raytracer.arrays.types import Booleans, Counts, Floats
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
 from raytracer.casting.rays import Hits, Rays
+from raytracer.film.passes import LENGTH
 from raytracer.integrator.bounces import CERTAIN_BOUNCES, classify_rays, find_ended, survival_probability
 from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
 from raytracer.integrator.contributions import (
@@ -43,7 +44,7 @@ from raytracer.surfaces.surface import make_surface
 
 # Paths shaded together; casts take whole waves.
 PART_SIZE = 1 << 15
-# Most shadow rays that are kept to be cast together; bounds the memory that many lights take.
+# Most shadow rays that are kept to be cast together; bounds the memory that many sources of light take.
 SHADOW_BATCH = 1 << 20
 
 # What a ray meets on its way to its hit, in this order: stages that add to the passes and change no path. A medium's
@@ -66,6 +67,8 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples) -> dict[str
     follow(integrator, passes, start_paths(rays), Sampler(samples, share_samples(samples), 0))
     finish_alpha(integrator, passes)
     finish_caught(passes)
+    if passes.lengths is not None:
+        passes.values[LENGTH] = passes.lengths[:, np.newaxis]
     if passes.unshadowed is not None:
         passes.values["Shadow"] = divide_shadow(passes.values["Shadow"], passes.unshadowed)
     return passes.values
@@ -74,6 +77,8 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples) -> dict[str
 def follow(integrator: Integrator, passes: PathPasses, paths: Paths, sampler: Sampler) -> None:
     """Follow paths wave by wave until all have ended."""
     while len(paths):
+        if passes.lengths is not None:
+            passes.lengths[paths.row] += 1.0
         hits = integrator.cast(paths.rays, classify_rays(paths.kind))
         for stage in ALONG_RAYS:
             stage(integrator, passes, paths, hits)
@@ -109,21 +114,28 @@ def shade_wave(
     and the sampler of their wave."""
     if passes.limit is not None:
         passes.limit[paths.row] = find_limits(integrator.settings, paths.bounces, aimed=True)
-    going_on, waiting = [], []
-    for start in range(0, len(paths), PART_SIZE):
-        part = slice(start, start + PART_SIZE)
+    going_on: list[Paths] = []
+    waiting: list[ShadowRays] = []
+    part_size = min(PART_SIZE, max(1, SHADOW_BATCH // max(1, len(integrator.sources))))
+    for start in range(0, len(paths), part_size):
+        part = slice(start, start + part_size)
         shaded = shade(integrator, passes, paths.select(part), hits.select(part), sampler)
         going_on.append(shaded.paths)
-        waiting += shaded.shadow_rays
-        if sum(len(rays.row) for rays in waiting) >= SHADOW_BATCH:
+        if count_rays(waiting) + count_rays(shaded.shadow_rays) > SHADOW_BATCH:
             add_direct_light(integrator, passes, waiting, first=sampler.dimension == 0)
             waiting = []
+        waiting += shaded.shadow_rays
     if waiting:
         add_direct_light(integrator, passes, waiting, first=sampler.dimension == 0)
     # Only what the camera sees straight shares points of lights.
     return join_paths(going_on), replace(
         sampler, shared=None, dimension=sampler.dimension + integrator.dimensions.count
     )
+
+
+def count_rays(shadow_rays: list[ShadowRays]) -> int:
+    """Return how many shadow rays there are of all sources."""
+    return sum(len(rays.row) for rays in shadow_rays)
 
 
 def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, sampler: Sampler) -> Shaded:

@@ -135,6 +135,7 @@ class PathPasses:
     unshadowed : (n, 3) float64, direct light if nothing were in the way, or None where the Shadow pass is not asked for
     limit : (n,) float64, the largest sum of channels that light aimed at by the ray's path may add; None without limits
     caught : what shadow catchers show, or None where there are none
+    lengths : (n,) float64, casts along the ray's path; None where nobody asks
     backdrop : (n, 3) float64, the background that the camera sees where catchers are seen through; None where it is no
         part of the picture, or there are none
     """
@@ -147,6 +148,7 @@ class PathPasses:
     limit: Floats | None
     caught: Caught | None = None
     backdrop: Floats | None = None
+    lengths: Floats | None = None
 
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
         """Add (k, 3) to a pass, if it is asked for; each ray at most once a call."""
@@ -181,9 +183,9 @@ def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     values = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in settings.passes}
     unshadowed = np.zeros((count, 3)) if "Shadow" in values else None
     limit = np.full(count, np.inf) if is_clamped(settings) else None
-    return PathPasses(
-        values, length(rays.directions), np.zeros(count, dtype=np.bool_), np.zeros(count), unshadowed, limit
-    )
+    lengths = np.zeros(count) if settings.adaptive else None
+    depth_unit, found = length(rays.directions), np.zeros(count, dtype=np.bool_)
+    return PathPasses(values, depth_unit, found, np.zeros(count), unshadowed, limit, lengths=lengths)
 
 
 def advance(wave: Wave, sample: BsdfSample) -> Paths:

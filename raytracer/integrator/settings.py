@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from raytracer.arrays.checks import require_choice
-from raytracer.film.passes import PASSES
+from raytracer.film.passes import PASSES, select_passes
 from raytracer.predicates.rounding import PRECISIONS
 
 Border = tuple[int, int, int, int]
@@ -25,14 +25,29 @@ WORD_LIMIT = 2**32
 LARGEST_INTERLEAVING = 16
 
 # What decides how a render is done, or how much of it, and no bit of a sample.
-FREE_SETTINGS = ("samples", "workers", "block_size", "border", "tile", "interleaving")
+FREE_SETTINGS = (
+    "samples",
+    "error",
+    "min_samples",
+    "seconds",
+    "workers",
+    "block_size",
+    "border",
+    "tile",
+    "interleaving",
+)
 
 
 @dataclass(frozen=True)
 class Settings:
     """The settings of a render.
 
-    samples : rays per pixel
+    samples : rays per pixel, at most
+    error : the error of the picture (`Film.error`) at which it is done, 0.01 for 1%; None takes all samples
+    min_samples : before which the error does not end it; 0 chooses
+    adaptive : True gives more samples to pixels that need them; `samples` is their mean then, at the cost of even ones
+    seconds : the time that tracing may take; it ends after the last sweep that fits in, but not before the first. None
+        sets no limit
     integrator : 'direct' follows reflection and transmission but diffuse, 'path' everything
     max_bounces : reflections and transmissions that a ray may go through; straight passages do not count
     diffuse_bounces, glossy_bounces, transmission_bounces : how many of them may be diffuse reflections, other
@@ -61,6 +76,10 @@ class Settings:
     """
 
     samples: int = 64
+    error: float | None = None
+    min_samples: int = 0
+    seconds: float | None = None
+    adaptive: bool = False
     integrator: str = "direct"
     max_bounces: int = 8
     diffuse_bounces: int | None = None
@@ -91,6 +110,7 @@ class Settings:
             object.__setattr__(self, "shadow_passages", self.transparent_bounces)
         for name, low, high in (
             ("samples", 1, WORD_LIMIT - 1),
+            ("min_samples", 0, WORD_LIMIT - 1),
             ("max_bounces", 0, None),
             ("diffuse_bounces", 0, None),
             ("glossy_bounces", 0, None),
@@ -104,10 +124,16 @@ class Settings:
             object.__setattr__(self, name, check_integer(getattr(self, name), low, high, f"Settings: {name}"))
         for name in ("clamp_direct", "clamp_indirect", "filter_glossy"):
             object.__setattr__(self, name, _check_number(getattr(self, name), f"Settings: {name}"))
+        for name in ("error", "seconds"):
+            object.__setattr__(self, name, _check_limit(getattr(self, name), f"Settings: {name}"))
         require_choice(self.integrator, INTEGRATORS, "Settings: integrator")
         require_choice(self.precision, PRECISIONS, "Settings: precision")
         require_choice(self.pixel_filter, tuple(FILTER_WIDTHS), "Settings: pixel_filter")
         object.__setattr__(self, "passes", _check_passes(self.passes))
+        if self.error is not None and "Combined" not in select_passes(self.passes, from_centre=False):
+            raise ValueError(
+                f"Settings: error: expected Combined, whose error it is, among the passes, got {self.passes}"
+            )
         object.__setattr__(self, "filter_width", _check_filter_width(self.filter_width, self.pixel_filter))
         object.__setattr__(self, "border", _check_border(self.border))
         object.__setattr__(self, "tile", _check_tile(self.tile))
@@ -146,6 +172,16 @@ def _check_filter_width(width: Any, pixel_filter: str) -> float:
     if width is None:
         return FILTER_WIDTHS[pixel_filter]
     return _check_number(width, "Settings: filter_width")
+
+
+def _check_limit(value: Any, field: str) -> float | None:
+    """Return a number above 0, or None for no limit."""
+    if value is None:
+        return None
+    number = _check_number(value, field)
+    if number == 0:
+        raise ValueError(f"{field}: expected a number above 0, or None for no limit, got 0")
+    return number
 
 
 def _check_number(value: Any, field: str) -> float:

@@ -25,8 +25,8 @@ from raytracer.sampling.warps import sample_disk
 from raytracer.scene.lights import AreaLight
 
 
-def area_of(light: AreaLight) -> float:
-    area = float(length(light.axis_u) * length(light.axis_v))
+def area_of(light: AreaLight) -> Floats:
+    area = length(light.axis_u) * length(light.axis_v)
     return area * np.pi / 4.0 if light.shape == "ellipse" else area
 
 
@@ -69,7 +69,7 @@ def _tangent_excess(angle: float) -> float:
 
 def _area_radiance(light: AreaLight, cosine: Floats) -> Floats:
     """P / (pi A), dimmed by the spread: (n, 3)."""
-    return light.power / (np.pi * area_of(light)) * area_spread_factor(light, cosine)[:, np.newaxis]
+    return light.power / (np.pi * area_of(light))[..., np.newaxis] * area_spread_factor(light, cosine)[:, np.newaxis]
 
 
 def _visible_part(light: AreaLight, positions: Floats) -> tuple[Floats, Floats, Floats]:
@@ -78,7 +78,7 @@ def _visible_part(light: AreaLight, positions: Floats) -> tuple[Floats, Floats, 
     u, v, axis = unit_axes(light)
     offset = positions - light.position
     height = dot(offset, axis)
-    half_size = np.array([length(light.axis_u), length(light.axis_v)]) / 2.0
+    half_size = np.stack([length(light.axis_u), length(light.axis_v)], axis=-1) / 2.0
     low, high = np.broadcast_to(-half_size, (len(positions), 2)), np.broadcast_to(half_size, (len(positions), 2))
     if light.spread < np.pi:
         foot = np.stack([dot(offset, u), dot(offset, v)], axis=1)
@@ -144,7 +144,7 @@ def _sample_parallel_area(light: AreaLight, positions: Floats) -> LightSamples:
     local = np.stack([dot(offset, u) / length(light.axis_u), dot(offset, v) / length(light.axis_v)], axis=1)
     inside = (np.abs(local) <= 0.5).all(axis=1) if light.shape == "rectangle" else (local**2).sum(axis=1) <= 0.25
     height = dot(offset, axis)
-    irradiance = np.where((inside & (height > 0))[:, np.newaxis], light.power / area_of(light), 0.0)
+    irradiance = np.where((inside & (height > 0))[:, np.newaxis], light.power / area_of(light)[..., np.newaxis], 0.0)
     return without_extent(np.broadcast_to(-axis, positions.shape), height, irradiance)
 
 

@@ -21,7 +21,7 @@ import dataclasses
 import numpy as np
 
 from raytracer.arrays.types import Booleans, Floats
-from raytracer.arrays.vectors import normalize, to_world, transform
+from raytracer.arrays.vectors import normalize, to_world
 from raytracer.lecture import cross, dot, intersect_plane, length, point_on_line
 from raytracer.lights.area_lights import area_of, evaluate_area, sample_area
 from raytracer.lights.light_shapes import (
@@ -41,12 +41,15 @@ from raytracer.scene.lights import AreaLight, Light, PointLight, SpotLight, SunL
 
 
 def sample_light(light: Light, positions: Floats, pair: Floats) -> LightSamples:
-    """Sample a direction to `light` from each of (n, 3) positions, with (n, 2) uniform numbers."""
+    """Sample a direction to `light` from each of (n, 3) positions, with (n, 2) uniform numbers.
+
+    light : one for all, or a record of n lights alike (`stacked_lights`)
+    """
     if isinstance(light, SunLight):
         return _sample_sun(light, len(positions), pair)
     if isinstance(light, AreaLight):
         return sample_area(light, positions, pair)
-    if light.soft_falloff or light.radius == 0:
+    if light.soft_falloff or not has_radius(light):
         return _sample_facing_disk(light, positions, pair)
     return _sample_ball(light, positions, pair)
 
@@ -67,8 +70,13 @@ def has_extent(light: Light) -> bool:
     if isinstance(light, SunLight):
         return light.angle > 0
     if isinstance(light, AreaLight):
-        return light.spread > 0 and area_of(light) > 0
-    return light.radius > 0
+        return light.spread > 0 and bool(area_of(light) > 0)
+    return has_radius(light)
+
+
+def has_radius(light: PointLight) -> bool:
+    """True for a ball, or a disk, and not a point."""
+    return bool(np.any(light.radius > 0))
 
 
 # Point and spot ------------------------------------------------------------------------------------------------------
@@ -79,8 +87,8 @@ def _point_radiance(light: PointLight, directions: Floats) -> Floats:
 
     The radiance P / (4 pi r^2) / pi of a ball or a facing disk of radius r, the intensity P / (4 pi) where r = 0.
     """
-    area = 4.0 * np.pi * light.radius**2 if light.radius > 0 else 4.0
-    radiance = np.broadcast_to(light.power / (area * np.pi), directions.shape)
+    area = np.asarray(4.0 * np.pi * np.square(light.radius) if has_radius(light) else 4.0)
+    radiance = np.broadcast_to(light.power / (area * np.pi)[..., np.newaxis], directions.shape)
     return radiance * spot_attenuation(light, directions)[:, np.newaxis] if isinstance(light, SpotLight) else radiance
 
 
@@ -91,17 +99,18 @@ def spot_attenuation(light: SpotLight, directions: Floats) -> Floats:
 
     directions : (n, 3) float64, from the lit points to the light
     """
-    a, b, c = (light.world_from_light / np.abs(light.world_from_light).max()).T
+    largest = np.abs(light.world_from_light).max(axis=(-2, -1), keepdims=True)
+    a, b, c = np.moveaxis(light.world_from_light / largest, -1, 0)
     # Cramer's rule: the rows of the inverse are (b x c, c x a, a x b) / D; of the determinant D the sign is left.
-    inverse = np.stack([cross(b, c), cross(c, a), cross(a, b)]) * np.sign(dot(a, cross(b, c)))
-    local = normalize(transform(inverse, -directions))
+    sign = np.sign(dot(a, cross(b, c)))[..., np.newaxis]
+    inverse = (cross(b, c) * sign, cross(c, a) * sign, cross(a, b) * sign)
+    local = normalize(np.stack([dot(-directions, row) for row in inverse], axis=-1))
     edge = np.cos(light.spot_size / 2.0)
     inside = -local[:, 2] - edge
     width = light.spot_blend * (1.0 - edge)
-    if width == 0:
-        return (inside > 0).astype(np.float64)
-    x = np.clip(inside / width, 0.0, 1.0)
-    return x * x * (3.0 - 2.0 * x)
+    x = np.clip(inside / np.where(width > 0, width, 1.0), 0.0, 1.0)
+    dimmed: Floats = np.where(width > 0, x * x * (3.0 - 2.0 * x), inside > 0)
+    return dimmed
 
 
 def _sample_facing_disk(light: PointLight, positions: Floats, pair: Floats) -> LightSamples:
@@ -111,15 +120,15 @@ def _sample_facing_disk(light: PointLight, positions: Floats, pair: Floats) -> L
     """
     towards = normalize(light.position - positions)
     target = np.broadcast_to(light.position, positions.shape)
-    if light.radius > 0:
-        disk = light.radius * sample_disk(pair)
+    if has_radius(light):
+        disk = np.asarray(light.radius)[..., np.newaxis] * sample_disk(pair)
         target = target + to_world(np.pad(disk, ((0, 0), (0, 1))), towards)
     direction, distance = normalize(target - positions), length(target - positions)
     radiance = _point_radiance(light, direction)
-    if light.radius == 0:
+    if not has_radius(light):
         samples = without_extent(direction, distance, divide_rows(radiance, distance * distance))
         return dataclasses.replace(samples, target=target, reach=np.ones(len(target)))
-    projected_area = np.pi * light.radius**2 * dot(towards, direction)
+    projected_area = np.pi * np.square(light.radius) * dot(towards, direction)
     density = divide_rows(distance * distance, projected_area)
     return LightSamples(direction, distance, divide_rows(radiance, density), density)
 
@@ -152,7 +161,7 @@ def _ball_radiance(light: PointLight, directions: Floats, outside: Booleans) -> 
     """A spot's cone does not dim what is seen from inside its ball, as in Cycles."""
     radiance = _point_radiance(light, directions)
     if isinstance(light, SpotLight):
-        full = light.power / (4.0 * np.pi * light.radius**2 * np.pi)
+        full = light.power / np.asarray(4.0 * np.pi * np.square(light.radius) * np.pi)[..., np.newaxis]
         radiance = np.where(outside[:, np.newaxis], radiance, full)
     return radiance
 

@@ -59,6 +59,7 @@ class Picture:
     pixels : (h, w, 4) float32, linear, premultiplied; row 0 is the LOWEST, as textures have it
     left, bottom, right, top : where in the frame they lie, pixels of the frame; may reach over its edge or the border's
     samples, total : finished samples, of so many; 0 while the pixels are coarse
+    error : `Film.error`; inf where it is unknown
     """
 
     pixels: NDArray[np.float32]
@@ -68,6 +69,7 @@ class Picture:
     top: int
     samples: int
     total: int
+    error: float = math.inf
 
 
 def refine(
@@ -191,5 +193,6 @@ def develop(film: Film, target: Target, factor: int, samples: tuple[int, int]) -
     """Return a film of the target's Combined pass as a Picture."""
     x_min, y_min, _, _ = coarsen_border(target.border, factor) or (0, 0, 0, 0)
     left, bottom = x_min * factor, y_min * factor
+    right, top = left + film.width * factor, bottom + film.height * factor
     pixels = np.ascontiguousarray(film["Combined"][::-1])
-    return Picture(pixels, left, bottom, left + film.width * factor, bottom + film.height * factor, *samples)
+    return Picture(pixels, left, bottom, right, top, *samples, film.error if samples[0] > 1 else math.inf)

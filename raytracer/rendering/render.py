@@ -8,7 +8,7 @@ number of workers.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import fields, replace
 from functools import partial
@@ -16,22 +16,30 @@ from typing import Any
 
 from raytracer.casting.caster import Caster, build
 from raytracer.film.film import Film
+from raytracer.film.passes import select_passes
 from raytracer.film.picture_key import PictureKey, describe_difference
 from raytracer.integrator.features import derive_features
 from raytracer.integrator.integrator import catches_shadows
 from raytracer.integrator.settings import FREE_SETTINGS, Settings, check_integer
 from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers
+from raytracer.rendering.adaptive import AdaptivePlan, add_listed
+from raytracer.rendering.allocation import measure_pilot
 from raytracer.rendering.blocks import (
+    SWEEP_GROWTH,
+    Block,
     BlockPlan,
     BlockResult,
     FrameWindow,
+    ListedBlock,
     _never,
     _say_nothing,
     count_sweeps,
     make_window,
     trace_blocks,
 )
+from raytracer.rendering.ending import EndedBy, Ending
+from raytracer.sampling.sobol import REPLICATIONS
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_digest import digest_scene
 
@@ -59,7 +67,7 @@ def render(
     Parameters
     ----------
     width, height : size of the full picture, pixels
-    samples : rays per pixel
+    samples : rays per pixel, at most: `error` and `seconds`, other fields of `Settings`, may end it before
     film : what an earlier render of the same picture returned, which this one goes on from and adds to; None begins
         anew. The result is bit for bit what one render of all samples gives
     until : the sample to stop at, of `samples`; None takes all
@@ -73,7 +81,7 @@ def render(
 
     Returns
     -------
-    Film, of the border's size where one is set; `film.cancelled` tells whether it was stopped
+    Film, of the border's size where one is set; `film.ended_by` tells why it has no more samples
 
     Raises
     ------
@@ -98,12 +106,7 @@ def render(
     count = len(workers) if isinstance(workers, Pool) else workers
     chosen = Settings(samples=samples, workers=count, **settings)
     film, window = prepare_film(scene, width, height, chosen, film)
-    plan = BlockPlan(
-        *(window.width * window.height, limit_sweeps(chosen, until), chosen.block_size),
-        workers=count,
-        done=film.samples,
-        ahead=film.ahead,
-    )
+    plan = plan_blocks(film, window, chosen, until)
     tell = on_stage or _say_nothing
     started = time.perf_counter()
     if caster is None:
@@ -115,9 +118,12 @@ def render(
         if chosen.workers > 1 and pool is None:
             tell(f"Starting {chosen.workers} workers")
             pool = stack.enter_context(Workers(chosen.workers))
-        results = trace_blocks(pool, (scene, caster, window, chosen), plan, is_cancelled or _never, tell)
-        accumulate(film, plan, results, on_sweep, on_progress)
-    film.cancelled = film.samples < plan.sweeps
+        results = trace_blocks(pool, (scene, caster, window, chosen), plan.phases(), is_cancelled or _never, tell)
+        ending = Ending(chosen, limit_sweeps(chosen, until), time.perf_counter(), film.samples)
+        is_done = film.samples >= ending.sweeps
+        ended_by = accumulate(film, plan, results, ending, on_sweep, on_progress)
+        film.ended_by = ended_by or ("samples" if is_done else "cancelled")
+    film.cancelled = film.ended_by == "cancelled"
     return film
 
 
@@ -141,13 +147,16 @@ def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
     choices = {name: value for name, value in choices.items() if name not in FREE_SETTINGS}
     full = (0, 0, window.full_width, window.full_height)
     size = {"width": window.full_width, "height": window.full_height, "interleaving": window.interleaving}
+    sweeps = count_sweeps(settings)
+    is_adaptive = settings.adaptive and "Combined" in select_passes(settings.passes, from_centre=False)
     return Film(
         window.width,
         window.height,
         settings.passes,
         catches=catches_shadows(derive_features(scene), settings),
         interleaving=window.interleaving,
-        total=count_sweeps(settings),
+        pilot=measure_pilot(sweeps) if is_adaptive else 0,
+        total=sweeps,
         left=window.x_min,
         bottom=window.y_min,
         border=settings.border if settings.tile and settings.border != full else None,
@@ -161,7 +170,7 @@ def continue_film(film: Film, new: Film) -> Film:
     if film.key is None or new.key is None:
         raise ValueError(f"{name}: expected a film of raytracer.render")
     difference = describe_difference(film.key, new.key)
-    for field in ("left", "bottom", "width", "height", "border"):
+    for field in ("left", "bottom", "width", "height", "border", "pilot"):
         found, expected = getattr(film, field), getattr(new, field)
         if not difference and found != expected:
             difference = f"{field} is {found}, not {expected}"
@@ -179,33 +188,62 @@ def limit_sweeps(settings: Settings, until: int | None) -> int:
     return sweeps if until is None else min(check_integer(until, 1, settings.samples, "render: until"), sweeps)
 
 
+def plan_blocks(film: Film, window: FrameWindow, settings: Settings, until: int | None) -> BlockPlan:
+    """Return how the sweeps that a film lacks are cut into blocks."""
+    growth = SWEEP_GROWTH if settings.error is not None or settings.seconds is not None else None
+    sweeps = limit_sweeps(settings, until)
+    if film.pilot:
+        return AdaptivePlan(film, window, settings, sweeps, growth)
+    size = film.width * film.height
+    shared = {"workers": settings.workers, "done": film.samples, "ahead": film.ahead}
+    return BlockPlan(size, sweeps, settings.block_size, growth, **shared)
+
+
 def accumulate(
     film: Film,
     plan: BlockPlan,
-    results: Iterable[BlockResult],
+    results: Iterator[BlockResult],
+    ending: Ending,
     on_sweep: SweepCallback | None,
     on_progress: Callable[[float], None] | None,
-) -> None:
-    """Add results to the film as they come, and tell the callbacks."""
+) -> EndedBy | None:
+    """Add results to the film as they come, and tell the callbacks; return what ended it, None if it was cancelled."""
     started = time.perf_counter() - film.statistics.trace_seconds
     for result in results:
         plan.observe(result)
-        add_result(film, result)
-        film.ahead = result.block.stop % plan.pixels
-        if not film.ahead:
-            film.samples = result.block.sample + result.block.samples
+        ends_sweep = plan.ends_sweep(result.block)
+        ended_by = add_result(film, result, ending, ends_sweep)
+        if isinstance(result.block, Block):
+            film.ahead = result.block.stop % plan.pixels
         film.statistics.trace_seconds = time.perf_counter() - started
         if on_progress:
-            on_progress(plan.share_done(result.block))
-        if not film.ahead and on_sweep:
-            on_sweep(film, film.samples, plan.sweeps)
+            on_progress(1.0 if ended_by else ending.estimate_share(plan.count_done(result.block)))
+        if ends_sweep and on_sweep:
+            on_sweep(film, film.samples, ending.sweeps)
+        if ended_by:
+            return ended_by
+    return None
 
 
-def add_result(film: Film, result: BlockResult) -> None:
-    """Add what a block saw to the film."""
-    pixels, count = result.block.pixels, len(result.block)
-    for first in range(0, result.block.samples * count, count):
-        film.add(pixels, {name: values[first : first + count] for name, values in result.values.items()})
+def add_result(film: Film, result: BlockResult, ending: Ending, ends_sweep: bool) -> EndedBy | None:
+    """Add what a block saw to the film, sample by sample, until that ends it; return what did, or None.
+
+    ends_sweep : True where each sample of a pixel completes a sweep
+    """
+    block, count = result.block, len(result.block)
+    film.statistics.rays += result.rays
+    if isinstance(block, ListedBlock):
+        return add_listed(film, result, ending)
+    pixels, ended_by = block.pixels, None
     if result.centre_values:
         film.set_centre(pixels, result.centre_values)
-    film.statistics.rays += result.rays
+    for number in range(block.samples):
+        rows = slice(number * count, (number + 1) * count)
+        replication = (block.sample + number) % REPLICATIONS
+        film.add(pixels, {name: values[rows] for name, values in result.values.items()}, replication)
+        if ends_sweep:
+            film.samples += 1
+            ended_by = ending.find(film)
+        if ended_by:
+            break
+    return ended_by

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats
 from raytracer.sampling.dimensions import SHARED_DIMENSION
-from raytracer.sampling.sobol import SobolSamples
+from raytracer.sampling.sobol import SobolSamples, join_numbers, split_numbers
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -71,9 +71,12 @@ def share_samples(samples: SobolSamples) -> SharedSamples | None:
     """Return what the pixels of each set share; None where they share nothing."""
     if samples.group is None or not len(samples):
         return None
-    sample = np.broadcast_to(np.asarray(samples.sample, np.uint32), samples.pixel.shape)
-    first, sets = sample.min(), np.uint32(samples.group.max()) + 1
-    key = (sample - first) * sets + samples.group
+    number = join_numbers(samples.sample, samples.replication)
+    number = np.broadcast_to(number, samples.pixel.shape)
+    first, sets = number.min(), np.uint32(samples.group.max()) + 1
+    key = (number - first) * sets + samples.group
     count = int(key.max()) + 1
     number, group = np.divmod(np.arange(count, dtype=np.uint32), sets)
-    return SharedSamples(key.astype(np.min_scalar_type(count)), SobolSamples(group, number + first, samples.seed))
+    sample, replication = split_numbers(number + first)
+    of_sets = SobolSamples(group, sample, samples.seed, replication=replication)
+    return SharedSamples(key.astype(np.min_scalar_type(count)), of_sets)

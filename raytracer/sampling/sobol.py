@@ -5,10 +5,15 @@ Each pair of dimensions is the first two dimensions of Sobol's sequence, a (0,2)
 a nested uniform shuffle of the sample index, and every coordinate gets its own Owen scrambling, both as hashes, so that
 a value depends on (pixel, sample, seed, dimension) and on nothing else: not on blocks, workers or other dimensions.
 
+A pixel's samples are REPLICATIONS such sequences, scrambled independently of each other and taken in turn. The points
+of one sequence depend on each other, which is what makes them good, so nothing about the error can be told from how
+they scatter; the means of the sequences do not, and how those differ tells it ("randomized quasi-Monte Carlo").
+
 References
 ----------
 I. M. Sobol, "On the distribution of points in a cube and the approximate evaluation of integrals", 1967.
 A. B. Owen, "Randomly permuted (t,m,s)-nets and (t,s)-sequences", 1995.
+P. L'Ecuyer, C. Lemieux, "Recent Advances in Randomized Quasi-Monte Carlo Methods", 2002: replications.
 B. Burley, "Practical Hash-based Owen Scrambling", Journal of Computer Graphics Techniques 9(4), 2020.
 N. Vegdahl, "Building a Better LK Hash", 2021: the constants of `_scramble_reversed`.
 C. Wellons, "Prospecting for Hash Functions", 2018: the constants of `_hash_pixels` and `_hash`.
@@ -27,6 +32,12 @@ from raytracer.arrays.types import Floats, Words
 
 UNIT_PER_WORD = 2.0**-32  # all 32 bits fit a float64, so the result stays below 1
 
+# The fewest from which an error can be told. More would cost: n samples of R sequences have the error of n / R samples
+# of one, over sqrt(R), and that of one falls faster than 1 / sqrt(n).
+REPLICATIONS = 2
+# Makes other keys of the same pixel; odd, so that every replication has its own (the golden ratio's bits).
+REPLICATION_STEP = 0x9E3779B9
+
 
 # One shift and mask per level of the butterflies below: bits whose position lacks that power of two.
 _LEVELS = ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF))
@@ -37,9 +48,10 @@ class SobolSamples:
     """One sample of each of n pixels.
 
     pixel : (n,) uint32, index of the pixel in the full picture, y * width + x
-    sample : number of the sample, int or (n,) uint32, 0 <= sample < 2^32
+    sample : number of the sample in its sequence, int or (n,) uint32, 0 <= sample < 2^32
     seed : int, another seed is another, independent picture of the same noise
     group : (n,) uint8, the pixel's set, which shares points of lights; None where every pixel takes its own
+    replication : number of the sequence, int or (n,) uint32; another one is another, independent sequence
 
     A dimension numbers a pair of coordinates; `uniform` takes the first of the pair, so give each use its own number.
     """
@@ -48,6 +60,7 @@ class SobolSamples:
     sample: int | Words
     seed: int
     group: NDArray[np.uint8] | None = None
+    replication: int | Words = 0
 
     def __len__(self) -> int:
         return len(self.pixel)
@@ -55,7 +68,9 @@ class SobolSamples:
     def select(self, index: Any) -> SobolSamples:
         """Return the samples of some of the pixels: index or boolean array."""
         sample = self.sample[index] if isinstance(self.sample, np.ndarray) else self.sample
-        return SobolSamples(self.pixel[index], sample, self.seed, None if self.group is None else self.group[index])
+        replication = self.replication[index] if isinstance(self.replication, np.ndarray) else self.replication
+        group = None if self.group is None else self.group[index]
+        return SobolSamples(self.pixel[index], sample, self.seed, group, replication)
 
     def uniform(self, dimension: int) -> Floats:
         """Return (n,) float64 in [0, 1)."""
@@ -72,7 +87,7 @@ class SobolSamples:
 
     def _shuffle_index(self, dimension: int) -> tuple[Words, Words]:
         """Return each pixel's key (n,) and its shuffled sample index (n,), a nested uniform shuffle of `sample`."""
-        key = _hash_pixels(self.pixel, dimension, self.seed)
+        key = _hash_pixels(self.pixel, dimension, self.seed, self.replication)
         index = _reverse_bits(np.broadcast_to(np.asarray(self.sample, np.uint32), self.pixel.shape).copy())
         return key, _reverse_bits(_scramble_reversed(index, key))
 
@@ -130,7 +145,17 @@ def _reverse_bits(words: Words) -> Words:
     return words.byteswap(inplace=True)
 
 
-def _hash_pixels(pixel: Words, dimension: int, seed: int) -> Words:
+def split_numbers(number: Words) -> tuple[Words, Words]:
+    """Return which sample of which replication the samples of some numbers (n,) are: replications take turns."""
+    return np.divmod(number, np.uint32(REPLICATIONS))
+
+
+def join_numbers(sample: int | Words, replication: int | Words) -> Words:
+    """Return the number () or (n,) of a sample of a replication: the inverse of `split_numbers`."""
+    return np.asarray(sample, np.uint32) * np.uint32(REPLICATIONS) + np.asarray(replication, np.uint32)
+
+
+def _hash_pixels(pixel: Words, dimension: int, seed: int, replication: int | Words) -> Words:
     """Return one well-mixed key per pixel. Two numbers enter, so that no two streams are shifts of each other."""
     first, second = _stream_numbers(dimension, seed)
     key = np.bitwise_xor(pixel, np.uint32(first))
@@ -138,6 +163,7 @@ def _hash_pixels(pixel: Words, dimension: int, seed: int) -> Words:
     np.bitwise_xor(key, shifted, out=key)
     np.multiply(key, np.uint32(0x7FEB352D), out=key)
     np.add(key, np.uint32(second), out=key)
+    np.add(key, np.multiply(replication, np.uint32(REPLICATION_STEP), dtype=np.uint32), out=key)
     np.right_shift(key, np.uint32(15), out=shifted)
     np.bitwise_xor(key, shifted, out=key)
     np.multiply(key, np.uint32(0x846CA68B), out=key)

@@ -161,6 +161,9 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         cycles |= skip_samples(scene.cycles, request.samples * request.cycles_factor)
     ours = {
         "samples": request.samples,
+        "use_noise_threshold": False,
+        "use_adaptive_sampling": False,
+        "time_limit": 0.0,
         "integrator": request.integrator,
         **limits,
         **{name: request.taming.get(name, 0.0) for name in TAMING},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.commands import render
 from addon.commands.command_line import build_parser
 from addon.commands.render import JSON_KEYS, number_path, parse_frames, parse_size
 from addon.versions import blender_pass_name
@@ -45,6 +47,39 @@ def test_render_writes_linear_exr_and_prints_json_alone(blend: Path, tmp_path: P
     assert values["rays"] >= 2 * WIDTH * HEIGHT
     assert values["peak_memory_mb"] > 1
     np.testing.assert_array_equal(read_image(out)[..., :3], np.full((HEIGHT, WIDTH, 3), (0.75, 0.125, 0.0), np.float32))
+
+
+def test_render_ends_at_an_error_and_says_how_wrong_the_picture_is(blend: Path, tmp_path: Path) -> None:
+    done = run_command(
+        "render", blend, "-o", tmp_path / "a.exr", "--size", "8x8", "--adaptive", "--error", "1%", "--min-samples", 6,
+        "--seconds", 600, "--workers", 1, "--passes", "Error,Sample Count", "--json",
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    values = json.loads(done.stdout)
+    assert (values["samples"], values["ended_by"]) == (6, "error")
+    assert values["passes"] == ["Combined", "Error", "Sample Count"]
+    assert (values["error"], values["error_interval"], values["error_p99"]) == (0.0, [0.0, 0.0], 0.0)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--error", "0", "expected a share between 0% and 100%, such as 1%, got '0'"),
+        ("--seconds", "0", "expected a number of seconds above 0, got '0'"),
+    ],
+)
+def test_limits_that_make_no_sense_are_refused(
+    capsys: pytest.CaptureFixture[str], option: str, value: str, message: str
+) -> None:
+    parser = argparse.ArgumentParser()
+    render.add_arguments(parser)
+    with pytest.raises(SystemExit):
+        parser.parse_args(["a.blend", "-o", "a.png", option, value])
+    assert message in capsys.readouterr().err
+
+
+def test_an_unknown_error_is_null_in_json() -> None:
+    assert (render.finite(math.inf), render.finite(0.25)) == (None, 0.25)
 
 
 def test_render_writes_png_with_view_transform_and_prints_its_path(blend: Path, tmp_path: Path) -> None:

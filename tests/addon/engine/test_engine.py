@@ -10,6 +10,7 @@ import itertools
 import tracemalloc
 import weakref
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -190,6 +191,37 @@ def test_statistics_tell_what_the_render_took(stage: Any, tmp_path: Path) -> Non
     assert statistics.triangles == 4
     assert statistics.rays >= WIDTH * HEIGHT * 2
     assert not statistics.cancelled
+
+
+def test_error_and_sample_count_reach_the_file(stage: Any, tmp_path: Path) -> None:
+    layer = stage.view_layers[0]
+    layer.raytracer_use_pass_error = layer.raytracer_use_pass_sample_count = True
+    stage.reference_raytracer.filter_width = 4.0  # so that there is noise at the edges
+    channels = render_channels(stage, tmp_path / "a.exr")
+    error = select_pass(channels, "Error", layer.name)[..., 0]
+    assert (error > 0).any()
+    assert (error == 0).any()
+    np.testing.assert_array_equal(select_pass(channels, "Sample Count", layer.name), 2.0)
+    statistics = last_render(stage)
+    assert 0 < statistics.error_interval[0] < statistics.error < statistics.error_interval[1]
+    assert statistics.ended_by == "samples"
+
+
+def test_status_tells_samples_error_and_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    texts: list[str] = []
+    seen = SimpleNamespace(
+        layers_done=0, update_stats=lambda _, text: texts.append(text), update_progress=lambda share: None
+    )
+    monkeypatch.setattr(engine, "TEXT_INTERVAL", 0.0)
+    monkeypatch.setattr(engine, "ERROR_SHARE", 1e-9)
+    progress = engine.Progress(seen, SimpleNamespace(), 1)
+    progress.show_share(0.25)
+    progress.show_pass(SimpleNamespace(samples=12, error=0.0234), 12, 64)
+    progress.show_share(0.5)
+    assert texts[0] == "Tracing"
+    assert texts[1].startswith("Sample 12/64 | error 2.3% | remaining 00:0")
+    progress.show_pass(SimpleNamespace(samples=13, error=0.5), 13, 64)
+    assert progress._error == "error 2.3% | "  # to tell it anew at once would take more than its share of the time
 
 
 def test_progress_rises_to_one_over_all_view_layers(stage: Any, tmp_path: Path) -> None:

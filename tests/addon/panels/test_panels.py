@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -201,12 +202,14 @@ def test_world_and_light_panels_draw_their_nodes(empty_scene: Any, registered: N
     assert names == ["camera", "diffuse", "glossy", "transmission"]
 
 
-def record_statistics(scene: Any, **changes: Any) -> None:
+def record_statistics(scene: Any, **changes: Any) -> statistics.Statistics:
     values = {
         "passes": ("Combined",), "width": 640, "height": 360, "samples": 8, "triangles": 250000, "rays": 3_000_000,
         "build_seconds": 0.25, "trace_seconds": 2.0, "total_seconds": 2.5, "peak_memory_mb": 321.0, "warnings": (),
     }  # fmt: skip
-    statistics.record_view_layer(scene, statistics.Statistics(**{**values, **changes}), first=True)
+    taken = statistics.Statistics(**{**values, **changes})
+    statistics.record_view_layer(scene, taken, first=True)
+    return taken
 
 
 def test_statistics_panel_shows_the_last_render(empty_scene: Any, registered: None) -> None:
@@ -216,6 +219,33 @@ def test_statistics_panel_shows_the_last_render(empty_scene: Any, registered: No
     assert {"250,000", "3,000,000", "1.50 million rays/s", "0.25 s", "2.00 s", "321 MB", "640 x 360"} <= set(texts)
     record_statistics(empty_scene, peak_memory_mb=None, cancelled=True)
     assert {"unknown", "8 (stopped)"} <= set(draw(last_render.RAYTRACER_RENDER_PT_statistics).texts)
+
+
+def test_statistics_panel_shows_the_error_and_what_ended_the_render(empty_scene: Any, registered: None) -> None:
+    assert dict(last_render.describe_error(record_statistics(empty_scene))) == {"Error": "unknown"}
+    known = {"error": 0.0234, "error_interval": (0.0221, 0.025), "error_p99": 0.011, "error_note": "3 pixels hold it"}
+    record_statistics(empty_scene, ended_by="error", **known)
+    texts = draw(last_render.RAYTRACER_RENDER_PT_statistics).texts
+    assert {"8 (noise threshold)", "2.3% (2.2% to 2.5%)", "1.1%", "3 pixels hold it"} <= set(texts)
+    record_statistics(empty_scene, ended_by="time")
+    assert "8 (time limit)" in draw(last_render.RAYTRACER_RENDER_PT_statistics).texts
+
+
+def test_the_worst_view_layer_says_the_error_of_a_frame(empty_scene: Any) -> None:
+    one = record_statistics(empty_scene, error=0.01, ended_by="error")
+    statistics.record_view_layer(empty_scene, replace(one, error=0.02, error_note="few", ended_by="time"), first=False)
+    taken = statistics.last_render(empty_scene)
+    assert taken is not None
+    assert (taken.error, taken.error_note, taken.ended_by) == (0.02, "few", "error")
+
+
+def test_noise_threshold_and_time_limit_reach_the_ray_tracer(empty_scene: Any, registered: None) -> None:
+    keywords = properties.settings_keywords(empty_scene)
+    assert (keywords["error"], keywords["seconds"]) == (None, None)
+    own = empty_scene.reference_raytracer
+    own.use_noise_threshold, own.noise_threshold, own.min_samples, own.time_limit = True, 2.5, 32, 60.0
+    chosen = settings.Settings(**properties.settings_keywords(empty_scene))
+    assert (round(chosen.error or 0.0, 9), chosen.min_samples, chosen.seconds) == (0.025, 32, 60.0)
 
 
 WARNINGS = (

@@ -193,7 +193,7 @@ def test_session_shows_the_picture_of_a_render(watch: Watch) -> None:
     watch.update()
     watch.look()
     np.testing.assert_array_equal(watch.wait(), render_stage())
-    assert watch.session.status == "Sample 2/2"
+    assert watch.session.status.startswith("Sample 2/2 | error ")
 
 
 def test_session_follows_changes(watch: Watch, stage: Any) -> None:

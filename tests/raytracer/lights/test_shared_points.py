@@ -20,7 +20,7 @@ from raytracer.lights.shared_points import (
     share_points,
 )
 from raytracer.sampling.sampler import share_samples
-from raytracer.sampling.sobol import SobolSamples
+from raytracer.sampling.sobol import SobolSamples, split_numbers
 from raytracer.scene.materials import Closure, Material
 
 FLOOR = raytracer.Mesh([[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], [[0, 1, 2], [0, 2, 3]])
@@ -43,8 +43,8 @@ COUNT = 1 << 16
 def share(sets, sample=0, seed=0):
     """Return the samples that `sets` sets of pixels share, one pixel each."""
     group = np.zeros(sets, np.uint8)
-    samples = SobolSamples(np.zeros(sets, np.uint32), np.arange(sets, dtype=np.uint32) + sample, seed, group)
-    return share_samples(samples)
+    number, replication = split_numbers(np.arange(sets, dtype=np.uint32) + np.uint32(sample))
+    return share_samples(SobolSamples(np.zeros(sets, np.uint32), number, seed, group, replication))
 
 
 def sample_at(lamp, weigh=True):

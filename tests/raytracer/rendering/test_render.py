@@ -15,6 +15,7 @@ from raytracer.processes.workers import Workers
 from raytracer.rendering import blocks
 from raytracer.rendering import render as render_module
 from raytracer.rendering.blocks import FIRST_BLOCK, SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_window
+from raytracer.rendering.ending import Ending
 from raytracer.rendering.render import render
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.camera import Camera
@@ -321,7 +322,12 @@ def test_plan_cuts_what_is_left_of_a_pass_evenly():
     for block in plan:
         sizes.append(block.stop - block.start)
         plan.observe(make_result(block, 1e-6 * sizes[-1]))
-    assert sizes == [14_000, 28_000, 28_000] + [35_000] * 4
+    assert sizes == [35_000] * 6
+
+
+def test_plan_of_short_work_takes_it_whole():
+    """A start with small blocks pays where the work is long."""
+    assert [block.samples for block in BlockPlan(pixels=10_000, sweeps=26, largest=2**18)] == [26]
 
 
 def test_plan_learns_nothing_from_the_short_rest_of_a_pass():
@@ -343,7 +349,7 @@ def test_a_block_of_chosen_pixels_sees_what_the_run_sees():
     np.testing.assert_array_equal(some.centre_values["Depth"], whole.centre_values["Depth"][chosen])
     films = [Film(WIDTH, HEIGHT, settings.passes) for _ in range(2)]
     for film, result in zip(films, (whole, some), strict=True):
-        render_module.add_result(film, result)
+        render_module.add_result(film, result, Ending(settings, 4, started=0.0), ends_sweep=False)
     flat = [film["Combined"][::-1].reshape(-1, 4) for film in films]
     np.testing.assert_array_equal(flat[1][chosen], flat[0][chosen])
     assert not np.delete(flat[1], chosen, axis=0).any()

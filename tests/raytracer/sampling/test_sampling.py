@@ -5,7 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
-from raytracer.sampling.sobol import SobolSamples, _first_coordinate, _second_coordinate
+from raytracer.sampling.sobol import (
+    SobolSamples,
+    _first_coordinate,
+    _second_coordinate,
+    join_numbers,
+    split_numbers,
+)
 from raytracer.sampling.warps import sample_cosine_hemisphere, sample_disk
 
 PIXEL_COUNT = 16
@@ -161,3 +167,45 @@ def test_cosine_hemisphere_has_its_moments():
     x, y, z = direction.T
     for values, mean in ((x, 0.0), (y, 0.0), (z, 2 / 3), (z * z, 1 / 2)):
         assert abs(values.mean() - mean) < 5 * values.std() / np.sqrt(count)
+
+
+def integrate_replications(count: int, pixel_count: int) -> np.ndarray:
+    """(2, pixels): means of a smooth function over `count` samples of each of two replications; the truth is 1 / 4."""
+    number = np.arange(2 * count, dtype=np.uint32)
+    pixel, number = (a.ravel() for a in np.meshgrid(np.arange(pixel_count, dtype=np.uint32), number))
+    sample, replication = split_numbers(number)
+    pairs = SobolSamples(pixel, sample, 0, replication=replication).uniform_pair(3)
+    return pairs.prod(axis=1).reshape(count, 2, pixel_count).mean(axis=0)
+
+
+@pytest.mark.parametrize("count", [1, 3, 16])
+def test_replications_tell_the_error_of_their_mean(count):
+    """E (A - B)^2 / 4 is the variance of (A + B) / 2, and A and B do not correlate; five standard deviations."""
+    pixels = 1 << 14
+    first, second = integrate_replications(count, pixels) - 0.25
+    assert abs(np.corrcoef(first, second)[0, 1]) < 5 / np.sqrt(pixels)
+    told, true = ((first - second) ** 2 / 4).mean(), ((first + second) ** 2 / 4).mean()
+    # Both estimate one variance, v, each with a standard deviation of at most sqrt(4 / n) v: kurtosis 5 or less.
+    assert told == pytest.approx(true, rel=5 * np.sqrt(8 / pixels))
+
+
+def test_samples_of_one_sequence_would_not_tell_their_error():
+    """What replications are for: even and odd samples of one sequence avoid each other, and seem far more wrong."""
+    pixel, sample = (a.ravel() for a in np.meshgrid(np.arange(4096, dtype=np.uint32), np.arange(32, dtype=np.uint32)))
+    means = SobolSamples(pixel, sample, 0).uniform_pair(3).prod(axis=1).reshape(16, 2, 4096).mean(axis=0) - 0.25
+    first, second = means
+    assert ((first - second) ** 2).mean() > 2 * ((first + second) ** 2).mean()
+
+
+def test_first_replication_is_the_sequence_without_any():
+    pixel = np.arange(9, dtype=np.uint32)
+    plain, other = SobolSamples(pixel, 5, 1), SobolSamples(pixel, 5, 1, replication=1)
+    assert np.array_equal(plain.uniform(2), SobolSamples(pixel, 5, 1, None, np.zeros(9, np.uint32)).uniform(2))
+    assert (plain.uniform(2) != other.uniform(2)).all()
+
+
+def test_numbers_of_samples_are_split_and_joined():
+    number = np.arange(9, dtype=np.uint32)
+    sample, replication = split_numbers(number)
+    assert list(zip(sample.tolist(), replication.tolist(), strict=True))[:4] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert np.array_equal(join_numbers(sample, replication), number)

@@ -1,0 +1,191 @@
+"""How wrong a picture is, told from itself.
+
+A pixel's samples form two independent replications (`sampling.sobol`), whose means A and B scatter around the truth
+like the errors a and b of A and B. Weighed by their numbers of samples m and n, their mean has the error
+e = (m a + n b) / (m + n), and
+
+    d = (A - B) sqrt(m n) / (m + n)
+
+is as large: where m = n, or the variance of a mean falls as one over its number of samples, E d^2 = E e^2. So d^2 is an
+unbiased estimate of the squared error, whatever distribution the samples have. Alone it says little of a pixel, for it
+has one degree of freedom; over a picture it says much.
+
+With m = n it is e^2 - d^2 = a b, of which the mean is 0 and the variance, over independent pixels, 4 sum v^2, with
+v = E d^2. So the ratio of the true to the estimated square is that of two independent chi-squares of
+nu = (sum v)^2 / sum v^2 degrees of freedom each (F. E. Satterthwaite), an F distribution, which gives the
+interval. Since v^2 is unknown, d^4 / 3 stands for it, as of normal numbers: with heavier tails that is more, and the
+interval wider.
+
+What no sample has met, nothing can tell. The interval's upper end allows for one more pixel as noisy as the noisiest;
+and where a few pixels hold most of the noise, others like them may have been missed, which is said beside the number.
+
+References
+----------
+F. E. Satterthwaite, "An Approximate Distribution of Estimates of Variance Components", 1946.
+B. L. Welch, "The Generalization of 'Student's' Problem when Several Different Population Variances are Involved", 1947.
+E. B. Wilson, M. M. Hilferty, "The Distribution of Chi-Square", 1931.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from raytracer.arrays.types import Counts, Floats
+
+# The confidence of intervals, 95%, as a two-sided quantile of the normal distribution.
+QUANTILE = 1.959964
+# E d^4 / (E d^2)^2 of normal numbers.
+NORMAL_KURTOSIS = 3.0
+# The share of the pixels that `error_p99` leaves out, the noisiest ones.
+NOISIEST = 0.01
+# Where so few pixels hold so much of the noise, chance decides whether there are any: the user is told.
+FEW = 50
+MOST_NOISE = 0.9
+# Student's t at 97.5% of 3 degrees of freedom: what the four sets of pixels that share points of lights leave.
+STUDENT_QUANTILE = 3.182446
+# Weights of a pixel and its neighbors, in each direction, where they share what they know of their noise.
+NEIGHBORS = np.array([1.0, 2.0, 1.0]) / 4.0
+
+
+@dataclass(frozen=True)
+class PictureError:
+    """How wrong a picture is.
+
+    error : root mean square error, over all pixels and color channels, divided by the mean level of the picture
+    interval : (low, high) of 95% confidence, of the error of this very picture
+    error_p99 : the same of the pixels without the noisiest 1%
+    few : number of pixels that hold 90% of the noise (of the mean square error), 0 where they are more than FEW
+    worst : (x, y) of the noisiest pixel, counted from the lower left corner
+    """
+
+    error: float = np.inf
+    interval: tuple[float, float] = (0.0, np.inf)
+    error_p99: float = np.inf
+    few: int = 0
+    worst: tuple[int, int] = (0, 0)
+
+    @property
+    def note(self) -> str:
+        """A sentence where the estimate rests on few pixels, else nothing."""
+        if not self.few:
+            return ""
+        held = "1 pixel holds" if self.few == 1 else f"{self.few} pixels hold"
+        x, y = self.worst
+        return f"{held} {MOST_NOISE:.0%} of the noise, the worst at ({x}, {y}): the error can be underestimated"
+
+
+def format_error(error: float) -> str:
+    """Return an error as a share with two digits: '2.3%'.
+
+    Examples
+    --------
+    >>> format_error(0.0234), format_error(0.3), format_error(2.5), format_error(float("inf"))
+    ('2.3%', '30%', '250%', 'unknown')
+    """
+    if not np.isfinite(error):
+        return "unknown"
+    return f"{100.0 * error:.0f}%" if error >= 0.0995 else f"{100.0 * error:.2g}%"
+
+
+def square_errors(first: Floats, second: Floats, weight: Floats) -> Floats:
+    """Return d^2 (n, c) of means (n, c) of two replications, where `weight` is m n / (m + n)^2, (n,)."""
+    difference = first - second
+    difference *= difference
+    difference *= weight[:, np.newaxis]
+    return difference
+
+
+def weigh_difference(first: Counts, second: Counts, even: bool = False) -> Floats:
+    """Return m n / (m + n)^2 (n,) of numbers of samples; inf where one of them is 0 and nothing can be told.
+
+    even : True where both replications count the same, whatever their numbers: 1 / 4
+    """
+    known = (first > 0) & (second > 0)
+    if even:
+        return np.where(known, 0.25, np.inf)
+    share = first / np.maximum(first + second, 1)
+    return np.where(known, share * (1.0 - share), np.inf)
+
+
+def measure_error(squares: Floats, level: float, width: int, interleaving: int = 0) -> PictureError:
+    """Return how wrong a picture is.
+
+    Parameters
+    ----------
+    squares : (pixels,) float64, d^2 of each pixel, the mean of its channels; along rows from the lower left corner
+    level : the mean of the picture's channels
+    width : pixels of a row
+    interleaving : side of the squares of pixels that take different points of lights (`lights.shared_points`)
+    """
+    total = float(squares.sum())
+    if not np.isfinite(total):
+        return PictureError()
+    error = relate(total / squares.size, level)
+    if total == 0 or error == np.inf:
+        return PictureError(error, (error, error), error)
+    row, column = divmod(int(squares.argmax()), width)
+    quiet = squares.size - max(1, round(NOISIEST * squares.size))
+    ordered = np.partition(squares, [quiet, max(squares.size - FEW, 0)])
+    scaled = squares / squares.max()  # whose squares do not underflow
+    freedom = count_freedom(scaled, width, interleaving)
+    missed = (1.0 + 1.0 / scaled.sum()) ** 0.5 * spread_ratio(count_freedom(scaled, width, interleaving, missed=1.0))
+    return PictureError(
+        error,
+        (error / spread_ratio(freedom), error * missed),
+        relate(float(ordered[:quiet].mean()) if quiet else 0.0, level),
+        count_holders(ordered[-FEW:], total),
+        (column, row),
+    )
+
+
+def relate(square: float, level: float) -> float:
+    """Return the root of a mean square over the mean level; inf where there is noise around 0."""
+    if square == 0:
+        return 0.0
+    return float(np.sqrt(square) / abs(level)) if level else np.inf
+
+
+def count_freedom(squares: Floats, width: int, interleaving: int, missed: float = 0.0) -> float:
+    """Return the degrees of freedom of the sum of `squares`, and one more of `missed`, (sum v)^2 / sum v^2.
+
+    Pixels that share points of lights are wrong together. Where they do, each of the 2 x 2 sets of pixels that take
+    different ones has a sum S of its own, four numbers from one distribution: the mean has the variance s^2 / 4, that
+    of a chi-square would be 2 mean^2 / nu.
+    """
+    total, of_squares = float(squares.sum()) + missed, float(squares @ squares) + missed * missed
+    freedom = NORMAL_KURTOSIS * total * total / of_squares
+    if interleaving < 2:
+        return freedom
+    rows = squares[: squares.size // (2 * width) * 2 * width].reshape(-1, 2, width)[..., : width // 2 * 2]
+    sums = rows.reshape(-1, 2, width // 2, 2).sum(axis=(0, 2)).ravel()
+    spread = float(sums.var(ddof=1)) * (STUDENT_QUANTILE / QUANTILE) ** 2
+    return min(freedom, 8.0 * float(sums.mean()) ** 2 / spread) if spread else freedom
+
+
+def spread_ratio(freedom: float) -> float:
+    """Return the factor by which a root mean square of `freedom` squares may differ from another one, at 95%.
+
+    By Wilson and Hilferty (chi^2 / nu)^(1/3) is normal, of the mean 1 - c and the variance c = 2 / (9 nu). So f^3 is
+    the quantile of the ratio of two of them where (f - 1) (1 - c) = z sqrt(c (1 + f^2)), a quadratic equation.
+    """
+    variance = 2.0 / (9.0 * freedom)
+    mean_square, limit = (1.0 - variance) ** 2, QUANTILE**2 * variance
+    if mean_square <= limit:
+        return np.inf
+    root = np.sqrt(mean_square**2 - (mean_square - limit) ** 2)
+    return float(((mean_square + root) / (mean_square - limit)) ** 1.5)
+
+
+def count_holders(noisiest: Floats, total: float) -> int:
+    """Return how many of the noisiest pixels hold MOST_NOISE of the total, 0 where all of them do not."""
+    held = np.cumsum(np.sort(noisiest)[::-1])
+    return int(np.searchsorted(held, MOST_NOISE * total)) + 1 if held[-1] >= MOST_NOISE * total else 0
+
+
+def share_with_neighbors(values: Floats) -> Floats:
+    """Return the means (h, w) of each value and its eight neighbors, weighed by 4 : 2 : 1; edges count themselves."""
+    padded = np.pad(values, 1, mode="edge")
+    rows = sum(weight * padded[k : k + len(values)] for k, weight in enumerate(NEIGHBORS))
+    return sum(weight * rows[:, k : k + values.shape[1]] for k, weight in enumerate(NEIGHBORS))

@@ -1,0 +1,113 @@
+"""The sweeps of adaptive sampling: an even pilot, then some pixels several times and others now and then.
+
+How many samples a pixel gets over the average follows from the pilot (`allocation`), once. With the density r, it has
+floor(j r + u) samples of a replication after j more sweeps, where u is a number of its own between 0 and 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from raytracer.arrays.types import Indices, Numbers, Words
+from raytracer.film.film import PILOT, Film
+from raytracer.integrator.settings import Settings
+from raytracer.rendering.allocation import allocate, describe_pilot
+from raytracer.rendering.blocks import Block, BlockPlan, BlockResult, FrameWindow, ListedBlock, number_pixels
+from raytracer.rendering.ending import EndedBy, Ending
+from raytracer.sampling.dimensions import ALLOCATION_DIMENSION
+from raytracer.sampling.sobol import REPLICATIONS, SobolSamples, join_numbers
+
+
+class AdaptivePlan(BlockPlan):
+    """Cuts the sweeps into blocks: those of the pilot as BlockPlan does, the others as lists of samples."""
+
+    def __init__(
+        self, film: Film, window: FrameWindow, settings: Settings, sweeps: int, growth: float | None = None
+    ) -> None:
+        pixels, even = film.width * film.height, min(film.pilot, sweeps)
+        shared = {"workers": settings.workers, "done": film.samples, "ahead": film.ahead}
+        super().__init__(pixels, even, settings.block_size, growth, **shared)
+        self._film, self._seed = film, settings.seed
+        self._pixel = number_pixels(window, np.arange(self.pixels))[0]
+        self._total = sweeps
+
+    def phases(self) -> Iterator[Iterator[Block | ListedBlock]]:
+        """Yield the pilot's blocks; and, once they are in the film, those that follow from them."""
+        yield iter(self)
+        if self._film.samples >= self._film.pilot:
+            self.sweeps = self._total
+            yield self._list_blocks()
+
+    def ends_sweep(self, block: Block | ListedBlock) -> bool:
+        """Return True where at least one sweep is done with this block."""
+        return bool(block.ends) if isinstance(block, ListedBlock) else super().ends_sweep(block)
+
+    def count_done(self, block: Block | ListedBlock) -> float:
+        """Return the number of sweeps that are done with this block."""
+        return block.sample + len(block.ends) if isinstance(block, ListedBlock) else super().count_done(block)
+
+    def _list_blocks(self) -> Iterator[ListedBlock]:
+        density = decide_density(self._film)
+        offset = SobolSamples(self._pixel, 0, self._seed).uniform(ALLOCATION_DIMENSION)
+        sweep, ahead = self._film.samples, self._film.ahead
+        while sweep < self.sweeps:
+            most, first, lists, count = self._limit_sweeps(sweep), sweep, [], 0
+            while sweep - first < most and count < self.size:
+                pixels, numbers = list_sweep(density, offset, sweep, self._film.pilot)
+                lists.append((pixels[ahead:], numbers[ahead:]))
+                ahead = 0
+                count += len(lists[-1][0])
+                sweep += 1
+            yield from cut_lists(first, lists, self.size)
+
+
+def decide_density(film: Film) -> Numbers:
+    """Return (pixels, 2) samples of each pixel over the average, of both replications, by the pilot in the film."""
+    sums, count, shape = film.arrays[PILOT], film.pilot // REPLICATIONS, (film.height, film.width)
+    first, second = (describe_pilot(sums[:, columns], count) for columns in (slice(0, 3), slice(3, 6)))
+    return np.stack([allocate(second, shape, film.pilot), allocate(first, shape, film.pilot)], axis=1)
+
+
+def list_sweep(density: Numbers, offset: Numbers, sweep: int, pilot: int) -> tuple[Indices, Words]:
+    """Return the pixels (n,) and the numbers of their samples (n,) of one sweep, those of a pixel in order."""
+    turn, replication = divmod(sweep - pilot, REPLICATIONS)
+    first = np.floor(turn * density[:, replication] + offset).astype(np.int64)
+    count = np.floor((turn + 1) * density[:, replication] + offset).astype(np.int64) - first
+    pixels = np.repeat(np.arange(len(density)), count)
+    within = np.arange(len(pixels)) - np.repeat(np.cumsum(count) - count, count)
+    sample = pilot // REPLICATIONS + first[pixels] + within
+    return pixels, join_numbers(sample.astype(np.uint32), replication)
+
+
+def cut_lists(first: int, lists: Sequence[tuple[Indices, Words]], size: int) -> Iterator[ListedBlock]:
+    """Yield the samples of sweeps from `first` on in even blocks of at most `size`."""
+    pixels, numbers = (np.concatenate(parts) for parts in zip(*lists, strict=True))
+    ends = np.cumsum([len(part) for part, _ in lists])
+    pieces = max(1, -(-len(pixels) // size))
+    stops = np.arange(1, pieces + 1) * len(pixels) // pieces
+    done, start = 0, 0
+    for stop in stops:
+        ended = ends[done:][ends[done:] <= stop] - start
+        yield ListedBlock(first + done, pixels[start:stop], numbers[start:stop], tuple(ended.tolist()))
+        done, start = done + len(ended), stop
+
+
+def add_listed(film: Film, result: BlockResult, ending: Ending) -> EndedBy | None:
+    """Add what a ListedBlock saw to the film, sweep by sweep, until that ends it; return what did, or None."""
+    block, start = result.block, 0
+    assert isinstance(block, ListedBlock)
+    for stop in dict.fromkeys((*block.ends, len(block))):
+        rows = slice(start, stop)
+        if start < stop:
+            values = {name: seen[rows] for name, seen in result.values.items()}
+            film.add(block.chosen[rows], values, int(block.numbers[start]) % REPLICATIONS, repeated=True)
+        film.ahead += stop - start
+        for _ in range(block.ends.count(stop)):
+            film.samples, film.ahead = film.samples + 1, 0
+            ended_by = ending.find(film)
+            if ended_by:
+                return ended_by
+        start = stop
+    return None

@@ -1,0 +1,85 @@
+"""When a render is done: at a number of samples, at an error, or when its time is over, whichever comes first.
+
+The error is looked at after fixed numbers of samples, so the picture is the same for any number of workers and any
+block size; only a time limit ends where the clock says, at the end of a sweep.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Literal
+
+from raytracer.film.film import Film
+from raytracer.integrator.settings import Settings
+
+EndedBy = Literal["samples", "error", "time", "cancelled"]
+
+# With fewer samples, rare light may have been missed everywhere, and the error seems small.
+FEWEST_SAMPLES = 16
+# The error is told anew after 5% more samples: less often than it changes, which makes a lucky moment less likely.
+MORE_SAMPLES = 1.05
+# How the error falls with the number of samples, as c n^-p: what the remaining time is told from.
+USUAL_POWER = 0.6
+
+
+class Ending:
+    """Knows when a film is done.
+
+    sweeps : the most of the film
+    started : when tracing began, by `time.perf_counter`
+    done : sweeps that the film had before
+    """
+
+    def __init__(self, settings: Settings, sweeps: int, started: float, done: int = 0) -> None:
+        self._settings = settings
+        self.sweeps = self._expected = sweeps
+        self._started = started
+        self._share = 0.0
+        self._next_look = round_up(settings.min_samples or FEWEST_SAMPLES)
+        self._look_after(done)
+
+    @property
+    def looks_at_error(self) -> bool:
+        """True where the error may end it."""
+        return self._settings.error is not None
+
+    def find(self, film: Film) -> EndedBy | None:
+        """Return why a film with `film.samples` finished sweeps is done, or None; called after each sweep."""
+        if self._settings.error is not None and self._reaches_error(film, self._settings.error):
+            return "error"
+        if film.samples >= self.sweeps:
+            return "samples"
+        return "time" if self._is_late(film.samples) else None
+
+    def _reaches_error(self, film: Film, target: float) -> bool:
+        if film.samples < self._next_look:
+            return False
+        error = film.error
+        self._look_after(film.samples)
+        needed = film.samples * (error / target) ** (1.0 / USUAL_POWER)
+        self._expected = int(min(max(needed, film.samples), self.sweeps))
+        return error <= target
+
+    def _look_after(self, done: int) -> None:
+        while self._next_look <= done:
+            self._next_look = round_up(max(self._next_look + 2, int(self._next_look * MORE_SAMPLES)))
+
+    def _is_late(self, done: int) -> bool:
+        """True where another sweep would take longer than there is time."""
+        seconds = self._settings.seconds
+        if seconds is None:
+            return False
+        return (time.perf_counter() - self._started) * (done + 1) / done > seconds
+
+    def estimate_share(self, done: float) -> float:
+        """Return the share of all work that is done after so many sweeps, which never falls."""
+        share = min(done / self._expected, 1.0)
+        if self._settings.seconds is not None:
+            share = max(share, min((time.perf_counter() - self._started) / self._settings.seconds, 1.0))
+        self._share = max(self._share, share)
+        return self._share
+
+
+def round_up(samples: int) -> int:
+    """Return the next even number of samples: both replications have as many."""
+    return samples + samples % 2

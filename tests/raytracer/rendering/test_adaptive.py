@@ -1,0 +1,195 @@
+"""Adaptive samples: where they go, that nothing they count decides of them, and that the picture stays right."""
+
+import numpy as np
+import pytest
+
+from raytracer.film.film import PILOT, Film
+from raytracer.integrator.settings import Settings
+from raytracer.processes.workers import Workers
+from raytracer.rendering import adaptive
+from raytracer.rendering.adaptive import cut_lists, list_sweep
+from raytracer.rendering.allocation import MOST_SAMPLES, Scatter, allocate, describe_pilot, measure_pilot
+from raytracer.rendering.blocks import make_window
+from raytracer.rendering.render import render
+from tests.raytracer.rendering.error_scenes import SCENES
+
+SCENE = SCENES["glossy"][0]()
+PASSES = ("Combined", "Normal", "Depth", "Error", "Sample Count")
+
+
+def see(**keywords):
+    return render(SCENE, 24, 16, 64, adaptive=True, **keywords)
+
+
+def test_adaptive_samples_go_where_the_noise_is():
+    """Less noise than evenly, at a cost that is about the same."""
+    even, film = render(SCENE, 24, 16, 64, passes=PASSES), see(passes=PASSES)
+    assert film.error < even.error / 1.5
+    assert film.statistics.rays == pytest.approx(even.statistics.rays, rel=0.15)
+    count = film["Sample Count"][..., 0]
+    # The sky has its pilot, and half of the rest.
+    assert (count[0] == 16 + 24).all()
+    assert count.max() > 150
+    assert (film.samples, film.ended_by, int(film["Sample Count"].min())) == (64, "samples", 40)
+
+
+def test_an_adaptive_picture_is_the_same_for_any_number_of_workers_and_any_block_size():
+    expected = see(passes=PASSES)
+    with Workers(2) as workers:
+        for keywords in ({"block_size": 333}, {"workers": workers}, {"workers": workers, "block_size": 5000}):
+            film = see(passes=PASSES, **keywords)
+            for name in PASSES:
+                assert np.array_equal(film[name], expected[name]), (name, keywords)
+
+
+def test_an_adaptive_picture_ends_at_an_error():
+    film = render(SCENE, 24, 16, 4096, adaptive=True, error=0.05)
+    assert film.ended_by == "error"
+    assert film.error <= 0.05
+    same = render(SCENE, 24, 16, 4096, adaptive=True, error=0.05, block_size=700)
+    assert np.array_equal(film["Combined"], same["Combined"])
+
+
+def test_pilot_is_even_and_too_few_samples_are_all_of_it():
+    few = render(SCENE, 24, 16, 31, adaptive=True)
+    assert PILOT not in few.arrays
+    assert np.array_equal(few["Combined"], render(SCENE, 24, 16, 31)["Combined"])
+    assert not render(SCENE, 6, 4, 64, adaptive=True, passes=("Normal",)).pilot
+    assert [measure_pilot(samples) for samples in (1, 31, 32, 100, 4096)] == [0, 0, 16, 24, 64]
+
+
+def test_cancelling_the_pilot_leaves_it():
+    seen = []
+    film = see(block_size=24 * 16, on_progress=seen.append, is_cancelled=lambda: len(seen) >= 5)
+    assert (film.samples, film.ended_by) == (5, "cancelled")
+    assert PILOT in film.arrays
+
+
+@pytest.mark.parametrize("stops", [(5,), (16, 17), (40,)])
+def test_an_adaptive_film_goes_on_where_it_stopped(stops):
+    """Between sweeps of the pilot, at its end, after it; and once in the middle of a sweep."""
+    film = None
+    for until in stops:
+        film = see(film=film, until=until)
+        seen = []
+        film = see(film=film, block_size=100, on_progress=seen.append, is_cancelled=lambda seen=seen: len(seen) >= 2)
+        assert film.ended_by == "cancelled"
+    assert film.ahead > 0
+    film, whole = see(film=film), see()
+    for name, array in whole.arrays.items():
+        assert np.array_equal(film.arrays[name], array), name
+
+
+def test_samples_of_a_replication_follow_the_pilot_of_the_other_alone():
+    """What makes the mean unbiased: the first replication may have seen anything, its own numbers stay the same."""
+    window, settings = make_window(SCENE, 6, 4, Settings(samples=64)), Settings(samples=64, adaptive=True)
+    densities = []
+    for seen in (1.0, 5.0):
+        film = Film(6, 4, ("Combined",), pilot=16, total=64)
+        film.arrays[PILOT][:] = np.random.default_rng(3).random((24, 6)) + np.array([8, 9, 8, 8, 9, 8])
+        film.arrays[PILOT][7, :2] = 8 * seen, 9 * seen**2
+        densities.append(adaptive.decide_density(film))
+        assert adaptive.AdaptivePlan(film, window, settings, 1000).pixels == 24
+    assert np.array_equal(densities[0][:, 0], densities[1][:, 0])
+    assert (densities[0][:, 1] != densities[1][:, 1]).any()
+
+
+def test_a_pixel_is_the_mean_of_its_replications_whatever_their_numbers():
+    film = Film(1, 1, ("Combined", "Normal"), pilot=16)
+    pixel = np.zeros(1, np.intp)
+    for replication, values in ((0, [2.0]), (1, [8.0, 4.0, 6.0])):
+        for value in values:
+            seen = {"Combined": np.full((1, 4), value), "Normal": np.full((1, 3), value)}
+            film.add(pixel, {**seen, "Path Length": np.ones((1, 1))}, replication)
+    assert film["Combined"][0, 0, 0] == film["Normal"][0, 0, 0] == 4.0
+    assert film.error == 2.0 / 4.0  # half of the difference of 2 and 6
+
+
+def test_allocation_is_neymans_at_the_cost_of_even_samples():
+    """Two halves of the picture, away from their border: n is as sqrt(v / c), half of it, and the rest is even."""
+    variance, cost = np.repeat([1.0, 9.0], 32 * 16), np.repeat([1.0, 4.0], 32 * 16)
+    density = allocate(Scatter(variance, cost), (32, 32), 16)
+    wanted = np.sqrt(variance / cost) * cost.sum() / np.sqrt(variance * cost).sum()
+    inside = np.r_[0 : 32 * 15, 32 * 17 : 32 * 32]
+    np.testing.assert_allclose(density[inside], (0.5 + 0.5 * wanted)[inside], rtol=0.02)
+    assert density @ cost == pytest.approx(cost.sum(), rel=1e-12)  # sums of 1024 numbers
+
+
+def test_a_pixel_of_much_noise_shares_with_its_neighbors_and_takes_no_more_than_there_is():
+    variance = np.zeros(400 * 400)
+    variance[400 * 200 + 200] = 1.0
+    density = allocate(Scatter(variance, np.ones(len(variance))), (400, 400), 64).reshape(400, 400)
+    assert density[200, 200] == MOST_SAMPLES
+    assert density[199, 199] > 1.0
+    assert density[0, 0] == pytest.approx(0.25)
+
+
+def test_without_noise_samples_are_even():
+    assert (allocate(Scatter(np.zeros(6), np.ones(6)), (2, 3), 16) == 1.0).all()
+    assert (allocate(Scatter(np.full(6, np.inf), np.ones(6)), (2, 3), 16) == 1.0).all()
+
+
+def test_a_pilot_tells_variance_and_cost(rng):
+    values = rng.random((8, 5))
+    sums = np.stack([values.sum(axis=0), (values**2).sum(axis=0), np.full(5, 24.0)], axis=1)
+    scatter = describe_pilot(sums, 8)
+    np.testing.assert_allclose(scatter.variance, values.var(axis=0, ddof=1), rtol=1e-12)  # of sums of 8 numbers
+    assert (scatter.cost == 3.0).all()
+
+
+def test_sweeps_list_each_sample_once_and_in_order(rng):
+    density, offset = rng.random((20, 2)) * 4.0, rng.random(20)
+    seen = [[] for _ in range(20)]
+    for sweep in range(16, 80):
+        pixels, numbers = list_sweep(density, offset, sweep, 16)
+        assert (np.diff(pixels) >= 0).all()
+        assert (numbers % 2 == sweep % 2).all()
+        for pixel, number in zip(pixels.tolist(), numbers.tolist(), strict=True):
+            seen[pixel].append(number)
+    for pixel, numbers in enumerate(seen):
+        for replication in range(2):
+            own = [number // 2 for number in numbers if number % 2 == replication]
+            assert own == list(range(8, 8 + len(own)))
+            assert abs(len(own) - 32 * density[pixel, replication]) < 1.0
+
+
+@pytest.mark.parametrize("size", [1, 7, 10, 1000])
+def test_lists_are_cut_into_even_blocks_that_know_where_sweeps_end(size):
+    lists = [(np.full(n, k), np.arange(n, dtype=np.uint32)) for k, n in enumerate((4, 0, 9, 5))]
+    cut = list(cut_lists(30, lists, size))
+    assert sum(len(block) for block in cut) == 18
+    assert max(len(block) for block in cut) <= size
+    assert np.array_equal(np.concatenate([block.chosen for block in cut]), np.repeat([0, 2, 3], [4, 9, 5]))
+    starts = np.cumsum([0, *(len(block) for block in cut)])
+    ends = [start + end for start, block in zip(starts, cut, strict=False) for end in block.ends]
+    assert ends == [4, 4, 13, 18]
+    assert [block.sample for block in cut] == [30 + sum(end <= start for end in ends) for start in starts[:-1]]
+
+
+def compare_means(name, seeds, size=(6, 4)):
+    """Return the mean difference of adaptive pictures from even ones over its standard error, and the gain in
+    variance."""
+    make, integrator = SCENES[name]
+    scene, pictures = make(), []
+    for adaptive_ in (False, True):
+        options = {"integrator": integrator, "adaptive": adaptive_}
+        films = (render(scene, *size, 32, seed=seed, **options) for seed in range(seeds))
+        pictures.append(np.stack([film["Combined"][..., :3].reshape(-1, 3).astype(float) for film in films]))
+    even, adapted = pictures
+    difference = (adapted - even).mean(axis=(1, 2))
+    score = difference.mean() / (difference.std(ddof=1) / np.sqrt(seeds))
+    return score, even.var(axis=0).sum() / adapted.var(axis=0).sum()
+
+
+@pytest.mark.parametrize("name", ["penumbra", "glossy"])
+def test_adaptive_pictures_are_right_on_average(name):
+    score, _ = compare_means(name, 60)
+    assert abs(score) < 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_adaptive_pictures_are_right_on_average_of_a_thousand(name):
+    """Of six scenes, with fireflies; one of 60 would miss three standard errors by chance."""
+    score, _ = compare_means(name, 1000)
+    assert abs(score) < 3
