@@ -12,6 +12,9 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
+from raytracer.film.passes import MOST_MATTES, matte_pass, select_mattes
+from raytracer.film.passes import PASSES as TRACED
+
 from .versions import blender_pass_name
 
 
@@ -43,6 +46,16 @@ PASSES = {
     "Object Index": BlenderPass("X", "VALUE", "use_pass_object_index"),
     "Material Index": BlenderPass("X", "VALUE", "use_pass_material_index"),
     "Diffuse Color": BlenderPass("RGB", "COLOR", "use_pass_diffuse_color"),
+    "Diffuse Direct": BlenderPass("RGB", "COLOR", "use_pass_diffuse_direct"),
+    "Diffuse Indirect": BlenderPass("RGB", "COLOR", "use_pass_diffuse_indirect"),
+    "Glossy Color": BlenderPass("RGB", "COLOR", "use_pass_glossy_color"),
+    "Glossy Direct": BlenderPass("RGB", "COLOR", "use_pass_glossy_direct"),
+    "Glossy Indirect": BlenderPass("RGB", "COLOR", "use_pass_glossy_indirect"),
+    "Transmission Color": BlenderPass("RGB", "COLOR", "use_pass_transmission_color"),
+    "Transmission Direct": BlenderPass("RGB", "COLOR", "use_pass_transmission_direct"),
+    "Transmission Indirect": BlenderPass("RGB", "COLOR", "use_pass_transmission_indirect"),
+    "Environment": BlenderPass("RGB", "COLOR", "use_pass_environment"),
+    "Mist": BlenderPass("Z", "VALUE", "use_pass_mist"),
     "Emission": BlenderPass("RGB", "COLOR", "use_pass_emit"),
     "Shadow": BlenderPass("RGB", "COLOR", "use_pass_shadow"),
     "Error": BlenderPass("X", "VALUE", "raytracer_use_pass_error"),
@@ -50,23 +63,49 @@ PASSES = {
 }
 
 
+# What switches the kinds of Cryptomatte on; each has a pass for two of its levels.
+MATTE_OPTIONS = {
+    "Object": "use_pass_cryptomatte_object",
+    "Material": "use_pass_cryptomatte_material",
+    "Asset": "use_pass_cryptomatte_asset",
+}
+MOST_LEVELS = 2 * MOST_MATTES
+
+
+def find_pass(name: str) -> BlenderPass:
+    """Return how Blender stores a pass, of Cryptomatte too."""
+    kind = TRACED[name].matte
+    return BlenderPass("rgba", "COLOR", MATTE_OPTIONS[kind]) if kind else PASSES[name]
+
+
+def list_mattes(view_layer: Any) -> tuple[str, ...]:
+    """Return the names of the passes of Cryptomatte that a view layer asks for."""
+    count = (min(view_layer.pass_cryptomatte_depth, MOST_LEVELS) + 1) // 2
+    kinds = [kind for kind, option in MATTE_OPTIONS.items() if getattr(view_layer, option)]
+    return tuple(matte_pass(kind, number) for kind in kinds for number in range(count))
+
+
 def enabled_passes(view_layer: Any) -> tuple[str, ...]:
-    """Return the names, as keys of `PASSES`, that a view layer asks for; Combined is always among them."""
-    return tuple(
-        name for name, stored in PASSES.items() if name == "Combined" or getattr(view_layer, stored.option, False)
-    )
+    """Return the names, of `film.passes`, that a view layer asks for; Combined is always among them."""
+    plain = (name for name, stored in PASSES.items() if name == "Combined" or getattr(view_layer, stored.option, False))
+    return (*plain, *list_mattes(view_layer))
 
 
 def enable_passes(view_layer: Any, names: tuple[str, ...]) -> None:
-    """Switch on exactly the passes `names` (keys of `PASSES`) in a view layer, Combined always."""
+    """Switch on exactly the passes `names` in a view layer, Combined always; of Cryptomatte also those before."""
     for name, stored in PASSES.items():
         setattr(view_layer, stored.option, name in names or name == "Combined")
+    slots = select_mattes(names)
+    for kind, option in MATTE_OPTIONS.items():
+        setattr(view_layer, option, kind in slots)
+    if slots:
+        view_layer.pass_cryptomatte_depth = max(slots.values())
 
 
 def declare_passes(engine: Any, scene: Any, view_layer: Any) -> None:
     """Tell Blender which passes a render of `view_layer` will hold."""
     for name in enabled_passes(view_layer):
-        stored = PASSES[name]
+        stored = find_pass(name)
         engine.register_pass(
             scene, view_layer, blender_pass_name(name), len(stored.channels), stored.channels, stored.kind
         )

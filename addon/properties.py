@@ -191,6 +191,13 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
         default=0,
         min=0,
     )
+    exposure: FloatProperty(  # type: ignore[valid-type]
+        name="Exposure",
+        description="Brightness of the image: the number that all of its light is multiplied by",
+        default=1.0,
+        min=0.0,
+        max=10.0,
+    )
     pixel_filter: EnumProperty(  # type: ignore[valid-type]
         name="Filter",
         description="How samples are weighted within a pixel",
@@ -235,8 +242,19 @@ def settings_keywords(scene: Any) -> dict[str, Any]:
         "seed": settings.seed,
         "pixel_filter": settings.pixel_filter.lower(),
         "filter_width": settings.filter_width,
+        "exposure": settings.exposure,
         "transparent": scene.render.film_transparent,
+        **({"mist": read_mist(scene.world.mist_settings)} if scene.world else {}),
     }
+
+
+# The power of the distance by which mist thickens.
+MIST_POWERS = {"QUADRATIC": 2.0, "LINEAR": 1.0, "INVERSE_QUADRATIC": 0.5}
+
+
+def read_mist(settings: Any) -> tuple[float, float, float]:
+    """Return start, depth and power of a world's mist."""
+    return settings.start, settings.depth, MIST_POWERS[settings.falloff]
 
 
 def register() -> None:

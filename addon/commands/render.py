@@ -218,7 +218,9 @@ def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
 
 def enable_named_passes(scene: Any, names: tuple[str, ...]) -> None:
     """Switch on the passes `names` in every view layer, and no others."""
-    from ..passes import PASSES, enable_passes
+    from raytracer.film.passes import PASSES
+
+    from ..passes import enable_passes
 
     unknown = [name for name in names if name not in PASSES]
     if unknown:

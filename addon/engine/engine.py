@@ -28,6 +28,7 @@ from ..viewport.viewport import Viewport
 from . import animation, orders, statistics
 from .animation import Frames
 from .first_look import show_first_look
+from .mattes import describe_mattes, give_identities, name_things
 from .output import Border, RenderOutput, read_border
 
 # Seconds between two updates of text and progress bar, and of the picture on the screen: often enough to watch; and
@@ -119,9 +120,12 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         kept = animation.find_frames(engine, depsgraph)
         extraction = read_scene(depsgraph, kept)
         warnings = (*extraction.warnings, *find_ignored_settings(scene))
-        film = make_film(engine, extraction.scene, depsgraph, border, progress, kept)
+        things = name_things(extraction, enabled_passes(view_layer))
+        traced = give_identities(extraction.scene, things)
+        film = make_film(engine, traced, depsgraph, border, progress, kept)
         if (film.width, film.height) == (border.width, border.height):  # a tile is no picture
             output.write(film.passes)
+            output.note(describe_mattes(view_layer.name, things))
     if engine.is_preview:
         return
     for warning in warnings:

@@ -5,6 +5,7 @@ Blender stores rows from the bottom up; the ray tracer's arrays have the top row
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from types import TracebackType
 from typing import Any, NamedTuple
 
@@ -90,6 +91,11 @@ class RenderOutput:
             name = names.get(stored.name)
             if name is not None:
                 stored.rect.foreach_set(to_blender_pixels(passes[name]))
+
+    def note(self, fields: Iterable[tuple[str, str]]) -> None:
+        """Add fields, names and values, to the metadata of the picture."""
+        for name, value in fields:  # to the whole result: a part's own are lost
+            self._engine.get_result().stamp_data_add_field(name, value)
 
     def show(self) -> None:
         """Let Blender draw what was written."""

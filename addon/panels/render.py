@@ -96,6 +96,7 @@ class RAYTRACER_RENDER_PT_film(RenderPanel, bpy.types.Panel):
 
     def draw(self, context: Any) -> None:
         column, settings = split(self), context.scene.reference_raytracer
+        column.prop(settings, "exposure")
         column.prop(settings, "pixel_filter")
         column.prop(settings, "filter_width")
         column.prop(context.scene.render, "film_transparent", text="Transparent")

@@ -8,8 +8,26 @@ from typing import Any
 
 import bpy
 
-from ..passes import PASSES
+from ..passes import MATTE_OPTIONS, PASSES, list_mattes
 from .shared import EnginePanel, split
+
+
+class RAYTRACER_VIEWLAYER_PT_cryptomatte(EnginePanel, bpy.types.Panel):
+    """Which mattes a view layer renders."""
+
+    bl_label = "Cryptomatte"
+    bl_context = "view_layer"
+    bl_parent_id = "RAYTRACER_VIEWLAYER_PT_passes"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        column, layer = split(self), context.view_layer
+        kinds = column.column(heading="Include", align=True)
+        for kind, option in MATTE_OPTIONS.items():
+            kinds.prop(layer, option, text=kind)
+        levels = column.column()
+        levels.active = bool(list_mattes(layer))
+        levels.prop(layer, "pass_cryptomatte_depth", text="Levels")
 
 
 class RAYTRACER_VIEWLAYER_PT_filter(EnginePanel, bpy.types.Panel):
@@ -52,4 +70,9 @@ class RAYTRACER_VIEWLAYER_PT_passes(EnginePanel, bpy.types.Panel):
                 column.prop(context.view_layer, stored.option, text=name)
 
 
-CLASSES = (RAYTRACER_VIEWLAYER_PT_filter, RAYTRACER_VIEWLAYER_PT_override, RAYTRACER_VIEWLAYER_PT_passes)
+CLASSES = (
+    RAYTRACER_VIEWLAYER_PT_filter,
+    RAYTRACER_VIEWLAYER_PT_override,
+    RAYTRACER_VIEWLAYER_PT_passes,
+    RAYTRACER_VIEWLAYER_PT_cryptomatte,
+)

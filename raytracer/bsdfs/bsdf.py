@@ -78,9 +78,14 @@ def includes_diffuse(shading: Shading, probabilities: Floats) -> bool:
     return probabilities.shape[1] > 1 + len(shading.lobes)
 
 
-def evaluate_lobes(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
+def evaluate_lobes(
+    shading: Shading, probabilities: Floats, incoming: Floats, part: str | None = None
+) -> tuple[Floats, Floats]:
     """Return f |cos| (n, 3) of all lobes at each point for light from `incoming` (n, 3), unit, and the density (n,) per
-    solid angle with which `sample_bsdf` takes that direction."""
+    solid angle with which `sample_bsdf` takes that direction.
+
+    part : 'glossy' leaves only what is reflected in f, 'diffuse' nothing
+    """
     specular, density = np.zeros((len(shading), 3)), np.zeros(len(shading))
     for column, lobes in enumerate(shading.lobes, start=1):
         lobes = _select_facing(shading, lobes, incoming)
@@ -88,6 +93,9 @@ def evaluate_lobes(shading: Shading, probabilities: Floats, incoming: Floats) ->
         value, lobe_density = evaluate_microfacets(
             lobes, *(take_rows(vectors, rows) for vectors in (shading.outgoing, incoming, shading.geometric_normal))
         )
+        if part is not None:
+            reflects = dot(lobes.normal, take_rows(incoming, rows)) > 0
+            value = value * (reflects & (part == "glossy"))[:, np.newaxis]
         specular[rows] += value
         density[rows] += probabilities[rows, column] * lobe_density
     return specular, density
@@ -131,13 +139,20 @@ def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats) -
     return density / np.pi
 
 
-def evaluate_bsdf(shading: Shading, probabilities: Floats, incoming: Floats) -> tuple[Floats, Floats]:
-    """Return f |cos| (n, 3) and the density (n,) of all lobes but the passage, as `evaluate_lobes`."""
+def evaluate_bsdf(
+    shading: Shading, probabilities: Floats, incoming: Floats, part: str | None = None
+) -> tuple[Floats, Floats]:
+    """Return f |cos| (n, 3) and the density (n,) of all lobes but the passage, as `evaluate_lobes`.
+
+    part : 'diffuse' or 'glossy' leaves only that in f; the density is always that of all
+    """
     if not includes_diffuse(shading, probabilities):
-        return evaluate_lobes(shading, probabilities, incoming)
+        return evaluate_lobes(shading, probabilities, incoming, part)
     value, density = evaluate_diffuse(shading, incoming), diffuse_density(shading, probabilities, incoming)
+    if part == "glossy":
+        value = np.zeros_like(value)
     if shading.lobes:
-        specular, lobe_density = evaluate_lobes(shading, probabilities, incoming)
+        specular, lobe_density = evaluate_lobes(shading, probabilities, incoming, part)
         value += specular
         density += lobe_density
     return value, density

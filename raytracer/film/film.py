@@ -26,7 +26,17 @@ from raytracer.film.error import (
     square_errors,
     weigh_difference,
 )
-from raytracer.film.passes import CAUGHT, LENGTH, PASSES, STORED, select_passes
+from raytracer.film.mattes import add_tables, sort_slots
+from raytracer.film.passes import (
+    CAUGHT,
+    LENGTH,
+    PASSES,
+    STORED,
+    matte_pass,
+    matte_table,
+    select_mattes,
+    select_passes,
+)
 from raytracer.film.picture_key import PictureKey
 
 # In `Film.arrays`, what is after the name of a pass whose sum is that of the second replication alone.
@@ -80,6 +90,7 @@ class Film:
         is all of it
     key : what decides the picture's bits; None where a film is no part of a picture
     label : what sentences call it, the path of the file that it came from
+    exposure : factor of all light where it is shown
     arrays : all that a film holds, by name, (pixels, channels); pixels are numbered along rows from the LOWER left, as
         the camera counts. The sums of passes that are means and the values of the others, float64; 'Sample Count',
         (pixels, 2) int32, of both replications
@@ -109,17 +120,21 @@ class Film:
     border: tuple[int, int, int, int] | None = None
     key: PictureKey | None = None
     label: str = ""
+    exposure: float = 1.0
     statistics: Statistics = field(default_factory=Statistics)
     arrays: dict[str, NDArray[Any]] = field(init=False)
 
     def __post_init__(self) -> None:
         pixels = self.width * self.height
-        self._means = select_passes(self.names, from_centre=False) + ((CAUGHT,) if self.catches else ())
+        sampled = select_passes(self.names, from_centre=False)
+        self._means = tuple(name for name in sampled if not PASSES[name].matte) + ((CAUGHT,) if self.catches else ())
         # Adaptive, a pixel is the mean of both replications' means; else only the error needs them apart.
         self._seconds = tuple(name for name in self._means if self.pilot or name in ("Combined", CAUGHT))
         stored = (*self._means, *select_passes(self.names, from_centre=True))
         self.arrays = {name: np.zeros((pixels, STORED[name].channels)) for name in stored}
         self.arrays |= {name + SECOND: np.zeros_like(self.arrays[name]) for name in self._seconds}
+        self._mattes = select_mattes(self.names)
+        self.arrays |= {matte_table(kind): np.zeros((pixels, 2 * slots)) for kind, slots in self._mattes.items()}
         self.arrays["Sample Count"] = np.zeros((pixels, 2), dtype=np.int32)
         if self.pilot:
             self.arrays[PILOT] = np.zeros((pixels, 2 * 3))
@@ -140,6 +155,8 @@ class Film:
             self._note_pilot(pixels, values, replication)
         sums = [(name, values[name]) for name in self._means]
         sums += [(name + SECOND, values[name]) for name in self._seconds if replication]
+        for kind in self._mattes:
+            self._add_matte(matte_table(kind), pixels, values[matte_table(kind)], repeated)
         counts = self.arrays["Sample Count"][:, replication]
         if repeated:
             assert not isinstance(pixels, slice)
@@ -150,6 +167,15 @@ class Film:
         for name, added in sums:
             self.arrays[name][pixels] += added
         counts[pixels] += 1
+
+    def _add_matte(self, name: str, pixels: slice | Indices, values: Floats, repeated: bool) -> None:
+        rows = np.arange(len(self.arrays[name]))[pixels]
+        while len(rows):
+            first = np.unique(rows, return_index=True)[1] if repeated else slice(None)
+            add_tables(self.arrays[name], rows[first], values[first])
+            if not repeated:
+                return
+            rows, values = np.delete(rows, first), np.delete(values, first, axis=0)
 
     def _note_pilot(self, pixels: slice | Indices, values: Mapping[str, Floats], replication: int) -> None:
         """Add what tells how samples scatter."""
@@ -180,6 +206,8 @@ class Film:
         for row in range(self.height):  # a row at a time: a large film leaves no room for a second one in float64
             pixels = slice(row * self.width, (row + 1) * self.width)
             values = self._read(name, pixels) if errors is None else errors[pixels, np.newaxis]
+            if PASSES[name].exposed and self.exposure != 1.0:
+                values = values * np.where(np.arange(values.shape[1]) < 3, self.exposure, 1.0)  # alpha is no light
             picture[self.height - 1 - row] = np.clip(values, -LARGEST, LARGEST)  # float32 has no more
         return picture
 
@@ -189,12 +217,25 @@ class Film:
             return self.arrays[name][pixels].sum(axis=1, keepdims=True, dtype=np.float64)
         if PASSES[name].from_centre:
             return self.arrays[name][pixels]
+        if PASSES[name].matte:
+            return self._read_matte(name, pixels)
         return self._show(name, lambda stored: self._average(stored, pixels))
+
+    def _read_matte(self, name: str, pixels: slice) -> Floats:
+        """Return two slots (n, 4) of each pixel's table, hash and share of its samples in turn."""
+        kind = PASSES[name].matte
+        table = sort_slots(self.arrays[matte_table(kind)][pixels])
+        first = 4 * int(name.removeprefix(matte_pass(kind, 0)[:-2]))
+        shown = table[:, first : first + 4].copy()
+        shown[:, 1::2] /= np.maximum(self.arrays["Sample Count"][pixels].sum(axis=1, keepdims=True), 1)
+        return shown
 
     def _show(self, name: str, average: Callable[[str], Floats]) -> Floats:
         """Return what is seen of a pass, (n, channels), by its mean."""
         if name == "Combined" and self.catches:
             return show_shadows(average(name), average(CAUGHT))
+        if PASSES[name].color:
+            return divide_by_color(average(name), average(PASSES[name].color))
         return average(name)
 
     def _average(self, name: str, pixels: slice) -> Floats:
@@ -267,6 +308,21 @@ class Film:
         for _ in range(SHARED):
             scatter = share_with_neighbors(scatter)
         return np.sqrt(scatter.ravel() / np.maximum(counts, 0.5))
+
+
+def divide_by_color(light: Floats, color: Floats) -> Floats:
+    """Return light (n, 3) over the color (n, 3) of the surfaces that have sent it.
+
+    A channel in which they send nothing gets what the others have on average, so that the light stays grey.
+
+    References
+    ----------
+    Blender, intern/cycles/util/color.h: safe_divide_even_color.
+    """
+    known = color != 0
+    quotient = np.divide(light, color, out=np.zeros_like(light), where=known)
+    mean = quotient.sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), 1)
+    return np.where(known, quotient, mean)
 
 
 def show_shadows(combined: Floats, caught: Floats) -> Floats:

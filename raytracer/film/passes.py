@@ -19,6 +19,9 @@ class Pass:
     miss : what each channel holds where that ray hits nothing
     needs_light : True where it takes more than the first surface to know it
     is_derived : True where it is no path's to say: it tells of the samples of other passes
+    color : the pass of a surface's color that this one, of light, is divided by
+    exposed : True for light, which the film's exposure makes brighter
+    matte : one of MATTES, whose table of coverage this pass shows two slots of
     is_index : True where values are names of things, of which no two can be averaged or compared by size
     """
 
@@ -27,21 +30,53 @@ class Pass:
     miss: float = 0.0
     needs_light: bool = False
     is_derived: bool = False
+    color: str = ""
+    exposed: bool = False
+    matte: str = ""
     is_index: bool = False
 
 
+# The parts of a BSDF that light is split by.
+LIGHT_PARTS = ("Diffuse", "Glossy", "Transmission")
+
+
+def light_pass(part: str, way: str) -> str:
+    """Return the name of the pass of a part: way is 'Direct', 'Indirect' or 'Color'."""
+    return f"{part} {way}"
+
+
+# What Cryptomatte tells apart, and the most passes of each.
+MATTES = ("Object", "Material", "Asset")
+MOST_MATTES = 8
+
+
+def matte_pass(kind: str, number: int) -> str:
+    """Return the name of a pass of Cryptomatte: the things that cover most are in number 0, two in each."""
+    return f"Crypto{kind}{number:02}"
+
+
 PASSES = {
-    "Combined": Pass(4, needs_light=True),  # linear RGB, already multiplied by alpha (premultiplied)
+    "Combined": Pass(4, needs_light=True, exposed=True),  # linear RGB, already multiplied by alpha (premultiplied)
     "Depth": Pass(1, from_centre=True, miss=1e10),  # metres along the camera's viewing axis
     "Position": Pass(3, from_centre=True),  # metres, world
     "Normal": Pass(3),  # shading normal, world, towards the ray
     "UV": Pass(3),  # u, v, 1; 0 on what has no uvs
     "Object Index": Pass(1, from_centre=True, is_index=True),
     "Material Index": Pass(1, from_centre=True, is_index=True),
-    "Diffuse Color": Pass(3, needs_light=True),
-    "Emission": Pass(3, needs_light=True),
+    **{light_pass(part, "Color"): Pass(3, needs_light=True) for part in LIGHT_PARTS},
+    **{
+        light_pass(part, way): Pass(3, needs_light=True, color=light_pass(part, "Color"), exposed=True)
+        for part in LIGHT_PARTS
+        for way in ("Direct", "Indirect")
+    },
+    "Environment": Pass(3, needs_light=True, exposed=True),  # the world as it is seen straight
+    "Mist": Pass(1, miss=1.0),  # 0 near the camera to 1 in the distance
+    **{matte_pass(kind, number): Pass(4, matte=kind) for kind in MATTES for number in range(MOST_MATTES)},
+    "Emission": Pass(3, needs_light=True, exposed=True),
     "Shadow": Pass(3, needs_light=True),  # share of the direct light that reaches the surface
-    "Error": Pass(1, needs_light=True, is_derived=True),  # standard error of Combined, the root mean square of R, G, B
+    "Error": Pass(
+        1, needs_light=True, is_derived=True, exposed=True
+    ),  # standard error of Combined, the root mean square of R, G, B
     "Sample Count": Pass(1, is_derived=True),
 }
 
@@ -66,5 +101,28 @@ def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
     >>> select_passes(["Depth", "Error", "Normal"], from_centre=False)
     ('Combined', 'Normal')
     """
-    made_of = dict.fromkeys("Combined" if name == "Error" else name for name in names)
+    made_of: dict[str, None] = {}
+    for name in names:
+        made_of |= dict.fromkeys(("Combined" if name == "Error" else name, *filter(None, (PASSES[name].color,))))
     return tuple(name for name in made_of if PASSES[name].from_centre == from_centre and not PASSES[name].is_derived)
+
+
+def select_mattes(names: Iterable[str]) -> dict[str, int]:
+    """Return how many slots the tables of Cryptomatte hold for passes, by kind; none for kinds that are not asked for.
+
+    Examples
+    --------
+    >>> select_mattes(["CryptoObject00", "CryptoObject01", "Depth"])
+    {'Object': 4}
+    """
+    slots: dict[str, int] = {}
+    for name in names:
+        kind = PASSES[name].matte
+        if kind:
+            slots[kind] = max(slots.get(kind, 0), 2 * int(name.removeprefix(f"Crypto{kind}")) + 2)
+    return slots
+
+
+def matte_table(kind: str) -> str:
+    """Return the name of the table of a kind among what a film holds."""
+    return f"Cryptomatte {kind}"

@@ -10,12 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from raytracer.arrays.rows import mean_column, sum_columns
-from raytracer.arrays.types import Booleans, Floats
+from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.bsdfs.bounce_kinds import describe_kinds
+from raytracer.bsdfs.lobe_colors import sum_lobe_colors
 from raytracer.casting.rays import Hits
+from raytracer.film.mattes import add_coverage
+from raytracer.film.passes import matte_table
 from raytracer.integrator.bounces import meet_lights
 from raytracer.integrator.clamping import clamp_met
 from raytracer.integrator.integrator import Integrator
+from raytracer.integrator.light_passes import add_met
 from raytracer.integrator.paths import PathPasses, Paths, Wave
 from raytracer.integrator.picked_lights import LightGroup, split_by_light
 from raytracer.lecture import length
@@ -43,10 +47,15 @@ def add_background(integrator: Integrator, passes: PathPasses, paths: Paths, hit
     missed = paths.select(np.flatnonzero(~hits.hit))
     if integrator.settings.transparent:
         passes.background[missed.row[missed.direct]] += mean_column(missed.throughput[missed.direct])
+        if integrator.background is not None and "Environment" in passes.values:
+            seen = missed.select(missed.direct)
+            passes.add("Environment", seen.row, see_background(integrator, integrator.background, seen))
         missed = missed.select(~missed.direct)
     if integrator.background is not None and len(missed):
         light = see_background(integrator, integrator.background, missed)
         passes.add("Combined", missed.row, light)
+        passes.add("Environment", missed.row[missed.direct], light[missed.direct])
+        add_met(passes, missed, light)
         if passes.backdrop is not None:
             passes.backdrop[missed.row[missed.direct]] += light[missed.direct]
 
@@ -109,6 +118,7 @@ def add_visible_light(
     radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
     passes.add("Combined", paths.row, radiance)
     passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
+    add_met(passes, paths, radiance)
 
 
 def vary_seen(computed: ComputedLight, paths: Paths, seen: LightHits, passed: Booleans) -> Floats:
@@ -143,6 +153,15 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     paths, surface, shading = wave.paths, wave.surface, wave.shading
     direct = np.flatnonzero(paths.direct)
     passes.add("Diffuse Color", paths.row[direct], (paths.throughput * shading.sum_diffuse())[direct])
+    if len(direct) and ("Glossy Color" in passes.values or "Transmission Color" in passes.values):
+        for name, color in zip(("Glossy Color", "Transmission Color"), sum_lobe_colors(shading), strict=True):
+            passes.add(name, paths.row[direct], (paths.throughput * color)[direct])
+    for kind, identity in integrator.mattes.items():
+        seen = surface.material if kind == "Material" else surface.instance
+        share = mean_column(paths.throughput[direct]) * (1.0 - mean_column(shading.transparency[direct]))
+        add_coverage(passes.values[matte_table(kind)], paths.row[direct], identity[seen[direct]], share)
+    if "Mist" in passes.values:
+        add_mist(integrator, passes, wave, direct)
     rows = direct[~passes.found[paths.row[direct]]]
     row = paths.row[rows]
     stretch = wave.hits.distance[rows] * length(paths.rays.directions[rows])
@@ -159,6 +178,18 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
         uv = surface.uv[rows[mapped]]
         passes.set("UV", row[mapped], np.pad(uv, ((0, 0), (0, 1)), constant_values=1.0))
     passes.found[row] = True
+
+
+def add_mist(integrator: Integrator, passes: PathPasses, wave: Wave, rows: Indices) -> None:
+    """Mist thickens by a power of the distance from the camera, from where it starts to where nothing else is seen."""
+    start, depth, power = integrator.settings.mist
+    distance = length(wave.surface.position[rows] - integrator.eye) if integrator.eye is not None else None
+    if distance is None:  # there is no eye that all rays of an orthographic camera come from
+        stretch = wave.hits.distance[rows] * length(wave.paths.rays.directions[rows])
+        distance = stretch / passes.depth_unit[wave.paths.row[rows]]
+    share = np.clip((distance - start) / depth if depth > 0 else np.sign(distance - start), 0.0, 1.0) ** power
+    opaque = mean_column(wave.paths.throughput[rows] * (1.0 - wave.shading.transparency[rows]))
+    passes.add("Mist", wave.paths.row[rows], (-(1.0 - share) * opaque)[:, np.newaxis])
 
 
 def add_emission(integrator: Integrator, passes: PathPasses, wave: Wave) -> None:
@@ -183,6 +214,7 @@ def add_emission(integrator: Integrator, passes: PathPasses, wave: Wave) -> None
     radiance = clamp_met(integrator.settings, paths.bounces, light)
     passes.add("Combined", paths.row, radiance)
     passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
+    add_met(passes, paths, radiance)
 
 
 def describe_path(

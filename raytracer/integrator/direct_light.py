@@ -7,7 +7,9 @@ ways, weighed by the power heuristic.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from raytracer.bsdfs.bsdf import evaluate_bsdf, evaluate_diffuse, evaluate_lobes
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Rays
 from raytracer.integrator.light_sources import OTHER, LightSource, ShadingPoints
+from raytracer.integrator.parts import Parts, Split
 from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.lecture import length
 from raytracer.lights.light_shapes import LightSamples
@@ -33,6 +36,7 @@ def sample_lights(
     throughput: Floats,
     row: Indices,
     all_rays: bool = False,
+    split: Split | None = None,
 ) -> list[ShadowRays]:
     """The light loop: return shadow rays from n points to one sample of every source, with the light they would bring.
 
@@ -42,6 +46,7 @@ def sample_lights(
     throughput : (n, 3) float64, what light from these points counts; 0 leaves a point out
     row : (n,) int64, the points' rows of the batch
     all_rays : True for rays to sources that throw no shadows, too
+    split : how the light of the n points is split among the passes of light; None splits nothing
     """
     shadow_rays = []
     for number, source in enumerate(sources):
@@ -57,9 +62,27 @@ def sample_lights(
         rays = _aim(points, found.light, lit, lifts) if source.cast_shadow or all_rays else None
         depths, key = points.depths.select(lit), found.key[lit]
         light = take_rows(light, lit)
+        of_parts = None
+        if split is not None:
+            reflect_part = partial(reflect, points.shading, probabilities, found.light, seen_by)
+            of_parts = _split_light(split.select(lit), light, reflect_part, throughput, lit)
         how = (source.unstopped, source.cast_as)
-        shadow_rays.append(ShadowRays(row[lit], light, key, depths, rays, number, *how, chance=source.chance))
+        rays_of = partial(ShadowRays, row[lit], light, key, depths, rays, number, *how)
+        shadow_rays.append(rays_of(chance=source.chance, split=of_parts))
     return shadow_rays
+
+
+def _split_light(
+    split: Split, light: Floats, reflect: Callable[[str], Floats], throughput: Floats, rows: Indices
+) -> Split:
+    """Return light (k, 3) of some of n points in parts: at a path's first scattering those that `reflect` gives, times
+    its throughput (n, 3), later in the shares of that."""
+    parts = split.parts.scale(light)
+    if split.unscattered.any():
+        chosen = split.unscattered[:, np.newaxis]
+        diffuse, glossy = (take_rows(reflect(name) * throughput, rows) for name in ("diffuse", "glossy"))
+        parts = Parts(np.where(chosen, diffuse, parts.diffuse), np.where(chosen, glossy, parts.glossy))
+    return Split(parts, split.unscattered)
 
 
 def _aim(points: ShadingPoints, light: LightSamples, rows: Indices, lifts: bool) -> Rays:
@@ -92,38 +115,49 @@ def _aim(points: ShadingPoints, light: LightSamples, rows: Indices, lifts: bool)
 UNREFLECTED = SEEN_BY["camera"] | SEEN_BY["shadow"]
 
 
-def reflect_seen(shading: Shading, probabilities: Floats, light: LightSamples, seen_by: Masks | int) -> Floats:
+def reflect_seen(
+    shading: Shading, probabilities: Floats, light: LightSamples, seen_by: Masks | int, part: str | None = None
+) -> Floats:
     """Return what `reflect_light` does where `seen_by` may differ from point to point, (n,)."""
     if isinstance(seen_by, int):
-        return reflect_light(shading, probabilities, light, seen_by)
+        return reflect_light(shading, probabilities, light, seen_by, part)
     value = np.zeros((len(shading), 3))
     for mask in np.unique(seen_by):
         rows = seen_by == mask
-        value[rows] = reflect_light(shading, probabilities, light, int(mask))[rows]
+        value[rows] = reflect_light(shading, probabilities, light, int(mask), part)[rows]
     return value
 
 
-def reflect_light(shading: Shading, probabilities: Floats, light: LightSamples, seen_by: int = SEEN_BY_ALL) -> Floats:
+def reflect_light(
+    shading: Shading,
+    probabilities: Floats,
+    light: LightSamples,
+    seen_by: int = SEEN_BY_ALL,
+    part: str | None = None,
+) -> Floats:
     """Return (n, 3) what each point of `shading` sends back of its sample of a light, in the share that reflected rays
     leave to light sampling.
 
     seen_by : bits of SEEN_BY, the ways in which the light is reflected
+    part : 'diffuse' or 'glossy' for only what that part of the BSDF sends back
     """
     if (seen_by | UNREFLECTED) != SEEN_BY_ALL:
         shading, probabilities = _leave_out_hidden(shading, probabilities, seen_by)
     if includes_diffuse(shading, probabilities):
-        value, density = evaluate_bsdf(shading, probabilities, light.direction)
+        value, density = evaluate_bsdf(shading, probabilities, light.direction, part)
         value *= power_heuristic(light.density, density)[:, np.newaxis]
     else:
-        value = evaluate_diffuse(shading, light.direction)
+        value = np.zeros((len(shading), 3)) if part == "glossy" else evaluate_diffuse(shading, light.direction)
         if shading.lobes:
-            specular, density = evaluate_lobes(shading, probabilities, light.direction)
+            specular, density = evaluate_lobes(shading, probabilities, light.direction, part)
             value += specular * power_heuristic(light.density, density)[:, np.newaxis]
     value *= light.weight
     return value
 
 
-def reflect_as_rays(shading: Shading, probabilities: Floats, light: LightSamples, ray_class: Masks | int) -> Floats:
+def reflect_as_rays(
+    shading: Shading, probabilities: Floats, light: LightSamples, ray_class: Masks | int, part: str | None = None
+) -> Floats:
     """Return (n, 3) what points send back of samples of a light that reflected rays of one class bring, in the share
     that those leave to light sampling.
 
@@ -132,10 +166,10 @@ def reflect_as_rays(shading: Shading, probabilities: Floats, light: LightSamples
     """
     assert isinstance(ray_class, int)
     if not includes_diffuse(shading, probabilities):
-        return reflect_light(shading, probabilities, light, ray_class)
-    part, own = _leave_out_hidden(shading, probabilities, ray_class)
-    whole, density = evaluate_bsdf(shading, probabilities, light.direction)
-    value, own_density = evaluate_bsdf(part, own, light.direction)
+        return reflect_light(shading, probabilities, light, ray_class, part)
+    kept, own = _leave_out_hidden(shading, probabilities, ray_class)
+    whole, density = evaluate_bsdf(shading, probabilities, light.direction, part)
+    value, own_density = evaluate_bsdf(kept, own, light.direction, part)
     followed = np.flatnonzero(probabilities[:, 1 + len(shading.lobes) :].any(axis=1) & (density > 0))
     value[followed] = whole[followed] * (own_density[followed] / density[followed])[:, np.newaxis]
     return value * power_heuristic(light.density, density)[:, np.newaxis] * light.weight

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Booleans, Masks
+from raytracer.arrays.types import Booleans, Masks, Numbers, Vectors
 from raytracer.casting.ray_visibility import CastRays, RayCaster, SceneCaster, make_cast
 from raytracer.casting.subset_caster import SubsetCaster
-from raytracer.film.passes import PASSES, select_passes
+from raytracer.film.mattes import hash_name, hash_to_float
+from raytracer.film.passes import PASSES, matte_table, select_mattes, select_passes
 from raytracer.integrator.features import Features, derive_features
 from raytracer.integrator.light_sources import (
     EmissiveGeometry,
@@ -59,6 +60,8 @@ class Integrator:
     sources : one for each source of light that surfaces are lit by
     visible_lights : lights that a reflected ray can meet
     light_nodes : what evaluates the nodes of lights that have any
+    mattes : by kind of Cryptomatte that is asked for, the hashes that materials, or instances and groups, are known by
+    eye : (3,) where the camera's rays come from; None without a camera, or of an orthographic one
     counts_bounces : True where a light asks how many bounces led to what it lights
     visible_groups : many lights likewise
     emitters : None where nothing is emissive
@@ -104,6 +107,8 @@ class Integrator:
     light_nodes: Mapping[Light, ComputedLight] = field(default_factory=dict)
     counts_bounces: bool = False
     visible_groups: tuple[LightGroup, ...] = ()
+    eye: Vectors | None = None
+    mattes: Mapping[str, Numbers] = field(default_factory=dict)
 
 
 def prepare(
@@ -236,6 +241,8 @@ def _compose(
         visible_lights=visible_lights,
         light_nodes=computed,
         counts_bounces=features.light_bounces,
+        eye=find_eye(scene),
+        mattes={kind: find_identities(scene, kind) for kind in select_mattes(settings.passes)},
         emitters=emitters,
         background=background,
         visibility=visibility,
@@ -254,6 +261,29 @@ def _compose(
         or any(reads_light_path(light.nodes.program) for light in computed.values()),
         terminator=terminator,
     )
+
+
+def find_identities(scene: Scene, kind: str) -> Numbers:
+    """Return the hashes, as floats, that Cryptomatte knows materials, or instances and then groups of spheres, by.
+
+    Of the latter they are properties of the name that `matte_table` gives; 0 where there are none.
+    """
+    if kind == "Material":
+        return np.array([hash_to_float(hash_name(material.name)) for material in scene.materials] or [0.0])
+    name, count = matte_table(kind), scene.instance_count
+    instances = {} if scene.instances is None else scene.instances.properties
+    identities = np.zeros(count + len(scene.spheres))
+    if name in instances:
+        identities[:count] = instances[name][:, 0]
+    identities[count:] = [group.properties[name][0] if name in group.properties else 0.0 for group in scene.spheres]
+    return identities
+
+
+def find_eye(scene: Scene) -> Vectors | None:
+    """Return the point (3,) that a camera's rays come from; None where there is none."""
+    if scene.camera is None or scene.camera.projection == "orthographic":
+        return None
+    return scene.camera.world_from_camera[:3, 3]
 
 
 def _link_lights(scene: Scene) -> LightLinks:

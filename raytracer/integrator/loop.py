@@ -32,6 +32,7 @@ from raytracer.integrator.contributions import (
 )
 from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import Integrator, find_lift
+from raytracer.integrator.light_passes import add_aimed, note_scattering, split_paths
 from raytracer.integrator.light_sources import ShadingPoints
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
 from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_split, start_catching
@@ -169,13 +170,15 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
         count_all(integrator, paths),
     )
     throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
-    shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row)
+    split = split_paths(passes, paths)
+    shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row, split=split)
 
     # BSDF sampling: where does the path go on?
     if not integrator.goes_on:
         return Shaded(shadow_rays, paths.select(slice(0, 0)))
     choice, pair = sampler.uniform(dimensions.lobe), sampler.uniform_pair(dimensions.direction)
     sample = sample_bsdf(wave.shading, probabilities, choice, pair)
+    note_scattering(passes, paths, wave.shading, probabilities, sample)
 
     # Stopping: is it worth going on?
     end_in_the_dark(integrator, paths, sample)
@@ -249,6 +252,8 @@ def add_direct_light(integrator: Integrator, passes: PathPasses, shadow_rays: li
         if passes.limit is not None:
             arriving = clamp(arriving, rays.chance * passes.limit[rays.row])
         passes.add("Combined", rays.row, arriving)
+        if rays.split is not None:
+            add_aimed(passes, rays.row, rays.light, arriving, rays.split)
         if first and passes.unshadowed is not None:
             passes.add("Shadow", rays.row, arriving)
             passes.unshadowed[rays.row] += rays.light

@@ -16,8 +16,9 @@ from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.order import join_departures
 from raytracer.casting.rays import Hits, Rays, join_rays
-from raytracer.film.passes import PASSES
+from raytracer.film.passes import PASSES, matte_table, select_mattes
 from raytracer.integrator.clamping import is_clamped
+from raytracer.integrator.parts import Parts, start_parts
 from raytracer.integrator.settings import Settings
 from raytracer.lecture import length
 from raytracer.surfaces.surface import Surface, depart
@@ -134,6 +135,7 @@ class PathPasses:
     background : (n,) float64, share of the ray that reached a background which is not part of the picture
     unshadowed : (n, 3) float64, direct light if nothing were in the way, or None where the Shadow pass is not asked for
     limit : (n,) float64, the largest sum of channels that light aimed at by the ray's path may add; None without limits
+    parts : in which shares the first scattering of each ray's path has split its light; None where no pass asks
     caught : what shadow catchers show, or None where there are none
     lengths : (n,) float64, casts along the ray's path; None where nobody asks
     backdrop : (n, 3) float64, the background that the camera sees where catchers are seen through; None where it is no
@@ -146,12 +148,13 @@ class PathPasses:
     background: Floats
     unshadowed: Floats | None
     limit: Floats | None
+    parts: Parts | None = None
     caught: Caught | None = None
     backdrop: Floats | None = None
     lengths: Floats | None = None
 
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
-        """Add (k, 3) to a pass, if it is asked for; each ray at most once a call."""
+        """Add (k, 3), or (k, channels), to a pass, if it is asked for; each ray at most once a call."""
         if name in self.values:
             # One column at a time: rows of three take twice as long.
             for target, column in zip(self.values[name].T[:3], values.T, strict=True):
@@ -180,12 +183,16 @@ class Caught:
 def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     """Return the record of camera rays that have seen nothing."""
     count = len(rays)
-    values = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in settings.passes}
+    plain = [name for name in settings.passes if not PASSES[name].matte]
+    values = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in plain}
+    mattes = select_mattes(settings.passes)
+    values |= {matte_table(kind): np.zeros((count, 2 * slots)) for kind, slots in mattes.items()}
     unshadowed = np.zeros((count, 3)) if "Shadow" in values else None
     limit = np.full(count, np.inf) if is_clamped(settings) else None
     lengths = np.zeros(count) if settings.adaptive else None
     depth_unit, found = length(rays.directions), np.zeros(count, dtype=np.bool_)
-    return PathPasses(values, depth_unit, found, np.zeros(count), unshadowed, limit, lengths=lengths)
+    parts = start_parts(count) if any(PASSES[name].color for name in plain) else None
+    return PathPasses(values, depth_unit, found, np.zeros(count), unshadowed, limit, lengths=lengths, parts=parts)
 
 
 def advance(wave: Wave, sample: BsdfSample) -> Paths:

@@ -6,7 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from raytracer.arrays.checks import require_choice
+import numpy as np
+
+from raytracer.arrays.checks import as_array, require_choice, require_range
 from raytracer.film.passes import PASSES, select_passes
 from raytracer.predicates.rounding import PRECISIONS
 
@@ -64,6 +66,9 @@ class Settings:
     passes : names from `passes.PASSES`
     precision : 'certified', 'float64' or 'float32', see `raytracer.build`
     workers : processes that trace; 1 traces in this process
+    mist : metres from the camera where the Mist pass starts, metres from there until it hides everything, and the power
+        by which it thickens
+    exposure : factor of all light in the picture; clamping comes before it
     transparent : True leaves the background out of the picture, alpha 0
     pixel_filter : 'blackman_harris' or 'box'
     filter_width : pixels; the radius of Blackman-Harris (as Blender counts it), the whole side of the box; 0 samples
@@ -94,6 +99,8 @@ class Settings:
     passes: tuple[str, ...] = ("Combined",)
     precision: str = "certified"
     workers: int = 1
+    mist: tuple[float, float, float] = (5.0, 25.0, 2.0)
+    exposure: float = 1.0
     transparent: bool = False
     pixel_filter: str = "blackman_harris"
     filter_width: float | None = None
@@ -122,7 +129,7 @@ class Settings:
             ("block_size", 1, None),
         ):
             object.__setattr__(self, name, check_integer(getattr(self, name), low, high, f"Settings: {name}"))
-        for name in ("clamp_direct", "clamp_indirect", "filter_glossy"):
+        for name in ("clamp_direct", "clamp_indirect", "filter_glossy", "exposure"):
             object.__setattr__(self, name, _check_number(getattr(self, name), f"Settings: {name}"))
         for name in ("error", "seconds"):
             object.__setattr__(self, name, _check_limit(getattr(self, name), f"Settings: {name}"))
@@ -130,6 +137,7 @@ class Settings:
         require_choice(self.precision, PRECISIONS, "Settings: precision")
         require_choice(self.pixel_filter, tuple(FILTER_WIDTHS), "Settings: pixel_filter")
         object.__setattr__(self, "passes", _check_passes(self.passes))
+        object.__setattr__(self, "mist", _check_mist(self.mist))
         if self.error is not None and "Combined" not in select_passes(self.passes, from_centre=False):
             raise ValueError(
                 f"Settings: error: expected Combined, whose error it is, among the passes, got {self.passes}"
@@ -157,6 +165,13 @@ def check_integer(value: Any, low: int, high: int | None, field: str) -> int:
         limits = f"of {low} or more" if high is None else f"from {low} to {high}"
         raise ValueError(f"{field}: expected a whole number {limits}, got {number}")
     return number
+
+
+def _check_mist(mist: Any) -> tuple[float, float, float]:
+    values = as_array(mist, np.float64, (3,), "Settings: mist")
+    require_range(values, 0.0, float(np.finfo(np.float32).max), "Settings: mist")
+    start, depth, power = values.tolist()
+    return start, depth, power
 
 
 def _check_passes(passes: Any) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from raytracer.casting.order import Order
 from raytracer.casting.ray_visibility import CastRays, RayCaster, find_any
 from raytracer.casting.rays import Rays, join_rays
 from raytracer.integrator.light_sources import ALONE
+from raytracer.integrator.parts import Split
 from raytracer.lecture import length
 from raytracer.scene.fields import SEEN_BY
 from raytracer.shading.light_path import Depths, LightPath, describe_reflected, describe_shadow_rays
@@ -65,6 +66,7 @@ class ShadowRays:
     depths : of the paths
     rays : None where the source throws no shadows
     unstopped, cast_as, chance : as in LightSource
+    split : the light in parts; None where no pass asks
     """
 
     row: Indices
@@ -76,6 +78,7 @@ class ShadowRays:
     unstopped: bool = False
     cast_as: int = SEEN_BY["shadow"]
     chance: float = 1.0
+    split: Split | None = None
 
 
 def cast_shadows(visibility: Visibility, shadow_rays: Sequence[ShadowRays]) -> list[Floats]:

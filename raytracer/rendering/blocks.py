@@ -336,7 +336,8 @@ def trace_seen(integrator: Integrator, rays: Rays, samples: SobolSamples) -> Map
     """
     seen = np.flatnonzero(rays.directions.any(axis=1))
     values = trace(integrator, rays.select(seen), samples.select(seen))
-    whole = {name: np.full((len(rays), *part.shape[1:]), STORED[name].miss) for name, part in values.items()}
+    misses = {name: STORED[name].miss if name in STORED else 0.0 for name in values}
+    whole = {name: np.full((len(rays), *part.shape[1:]), misses[name]) for name, part in values.items()}
     if "Combined" in whole:
         whole["Combined"][:, 3] = 1.0
     for name, part in values.items():

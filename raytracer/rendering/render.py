@@ -155,6 +155,7 @@ def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
         settings.passes,
         catches=catches_shadows(derive_features(scene), settings),
         interleaving=window.interleaving,
+        exposure=settings.exposure,
         pilot=measure_pilot(sweeps) if is_adaptive else 0,
         total=sweeps,
         left=window.x_min,

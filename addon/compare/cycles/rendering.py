@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from raytracer.processes.folders import OwnedFolder
 
 from ... import interrupts
-from ...passes import PASSES, enable_passes
+from ...passes import MATTE_OPTIONS, PASSES, enable_passes, find_pass
 from ...properties import BOUNCE_LIMITS, ENGINE, TAMING
 from ...versions import blender_pass_name, read_image_format, set_image_format
 from .exr import read_exr
@@ -168,11 +168,13 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         **limits,
         **{name: request.taming.get(name, 0.0) for name in TAMING},
         "workers": 1,
+        "exposure": 1.0,
         "pixel_filter": request.pixel_filter,
         "filter_width": request.filter_width,
     }
     size = {"resolution_x": request.width, "resolution_y": request.height}
-    switches = {stored.option: getattr(view_layer, stored.option) for stored in PASSES.values()}
+    options = (*(stored.option for stored in PASSES.values()), *MATTE_OPTIONS.values(), "pass_cryptomatte_depth")
+    switches = {option: getattr(view_layer, option) for option in options}
     others = {layer.name: layer.use for layer in scene.view_layers}
     preferences = bpy.context.preferences
     with (
@@ -239,7 +241,7 @@ def collect_passes(channels: dict[str, Image], layer: str, names: Sequence[str])
     """Return the passes (h, w, channels) of a view layer from the channels "layer.pass.letter" of its file."""
     return {
         name: np.stack(
-            [channels[f"{layer}.{blender_pass_name(name)}.{letter}"] for letter in PASSES[name].channels], axis=-1
+            [channels[f"{layer}.{blender_pass_name(name)}.{letter}"] for letter in find_pass(name).channels], axis=-1
         )
         for name in names
     }

@@ -126,9 +126,12 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
         def write(self, passes: Any) -> None:
             asked["passes"] = passes
 
+        def note(self, fields: Any) -> None:
+            assert not list(fields)
+
     def render(scene: Any, width: int, height: int, **settings: Any) -> Any:
         asked.update(settings)
-        return SimpleNamespace(passes={}, statistics=SimpleNamespace())
+        return SimpleNamespace(passes={}, statistics=SimpleNamespace(), width=32, height=32)
 
     reports: list[Any] = []
     preview = SimpleNamespace(

@@ -17,7 +17,7 @@ from addon.compare import window
 from addon.engine import statistics
 from addon.extract.warnings import Warning
 from addon.panels import built_in, last_render, presets, render, scene_data, view_layer
-from addon.passes import PASSES, enable_passes, enabled_passes
+from addon.passes import MATTE_OPTIONS, PASSES, enable_passes, enabled_passes, find_pass
 from addon.properties import ENGINE
 from raytracer.film import passes
 from raytracer.integrator import settings
@@ -161,9 +161,9 @@ def test_choices_are_those_of_the_ray_tracer() -> None:
 
 
 def test_passes_are_those_of_the_film() -> None:
-    assert {name: len(stored.channels) for name, stored in PASSES.items()} == {
-        name: stored.channels for name, stored in passes.PASSES.items()
-    }
+    for name, traced in passes.PASSES.items():
+        assert (name in PASSES) == (not traced.matte)
+        assert len(find_pass(name).channels) == traced.channels
 
 
 def test_passes_panel_switches_what_the_engine_reads(empty_scene: Any, registered: None) -> None:
@@ -176,6 +176,18 @@ def test_passes_panel_switches_what_the_engine_reads(empty_scene: Any, registere
         assert enabled_passes(layer) == tuple(dict.fromkeys(("Combined", name)))
     layer.use_pass_combined = False  # as a file of another engine may have it; Blender keeps the pass all the same
     assert "Combined" in enabled_passes(layer)
+
+
+def test_cryptomatte_panel_switches_two_levels_a_pass(empty_scene: Any, registered: None) -> None:
+    layer = bpy.context.view_layer
+    names = draw(view_layer.RAYTRACER_VIEWLAYER_PT_cryptomatte).names
+    assert names == [*MATTE_OPTIONS.values(), "pass_cryptomatte_depth"]
+    enable_passes(layer, ("CryptoAsset01",))
+    assert enabled_passes(layer) == ("Combined", "CryptoAsset00", "CryptoAsset01")
+    layer.pass_cryptomatte_depth, layer.use_pass_cryptomatte_object = 2, True
+    assert enabled_passes(layer) == ("Combined", "CryptoObject00", "CryptoAsset00")
+    enable_passes(layer, ("Depth",))
+    assert enabled_passes(layer) == ("Combined", "Depth")
 
 
 @pytest.mark.parametrize("kind", ["POINT", "SUN", "SPOT", "AREA"])

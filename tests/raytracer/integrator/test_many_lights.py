@@ -64,15 +64,15 @@ def see(scene, seed, samples=32, **settings):
 
 
 def assert_same_light(scene, monkeypatch, seeds=10, tiles=4, **settings):
-    """Means over seeds, of tiles and of the whole picture, agree within 4 standard errors. Those are below 4% and 0.6%
-    of the picture's mean: a bias of 16% of a tile's light would be seen, or one of 2.4% of all."""
+    """Means over seeds, of tiles and of the whole picture, agree within 4 standard errors. Those are below 5% and 0.6%
+    of the picture's mean: a bias of 20% of a tile's light would be seen, or one of 2.4% of all."""
     picked = np.array([see(scene, seed, **settings) for seed in range(seeds)])
     monkeypatch.setattr(picked_lights, "MOST_AIMED_AT", 1000)
     aimed = np.array([see(scene, 100 + seed, **settings) for seed in range(seeds)])
     width = SIZE[0] // tiles
     shape = (seeds, SIZE[1] // width, width, tiles, width, 3)
     picked, aimed = (values.reshape(shape).mean(axis=(2, 4)) for values in (picked, aimed))
-    for first, second, largest in ((picked, aimed, 0.04), (*(x.mean(axis=(1, 2)) for x in (picked, aimed)), 0.006)):
+    for first, second, largest in ((picked, aimed, 0.05), (*(x.mean(axis=(1, 2)) for x in (picked, aimed)), 0.006)):
         error = np.sqrt((first.var(axis=0, ddof=1) + second.var(axis=0, ddof=1)) / seeds)
         assert error.max() < largest * aimed.mean()
         assert (np.abs(first.mean(axis=0) - second.mean(axis=0)) < 4 * error).all()

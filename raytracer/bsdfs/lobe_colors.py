@@ -1,0 +1,44 @@
+"""The color of lobes: the share of white light from all around that they reflect, and that they let through.
+
+As passes of colors show it, which is an estimate: that of a smooth surface, but where the mean over the facets of a
+reflecting dielectric is tabulated.
+
+References
+----------
+Blender, intern/cycles/kernel/closure/bsdf_microfacet.h: bsdf_microfacet_estimate_albedo.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from raytracer.arrays.rows import any_column, take_rows
+from raytracer.arrays.types import Floats
+from raytracer.bsdfs.closures import Shading
+from raytracer.bsdfs.fresnel import DIELECTRIC
+from raytracer.bsdfs.microfacet import Microfacets, evaluate_fresnel
+from raytracer.bsdfs.microfacet_albedo import read_schlick_share
+from raytracer.lecture import dot
+
+
+def sum_lobe_colors(shading: Shading) -> tuple[Floats, Floats]:
+    """Return what all lobes reflect, and what they transmit, of white light, (n, 3) each."""
+    reflected, transmitted = np.zeros((len(shading), 3)), np.zeros((len(shading), 3))
+    for lobes in shading.lobes:
+        cosine = np.clip(dot(take_rows(shading.outgoing, lobes.hit), lobes.normal), 0.0, 1.0)
+        # The factor for light lost between facets is none of the color.
+        weight = lobes.weight / lobes.energy_scale[:, np.newaxis]
+        for total, color in zip((reflected, transmitted), estimate_color(lobes, cosine), strict=True):
+            total[lobes.hit] += weight * color
+    return reflected, transmitted
+
+
+def estimate_color(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats]:
+    """Return reflectance and transmittance (m, 3) of lobes seen at `cosine` (m,) from their normals."""
+    reflectance, transmittance = evaluate_fresnel(lobes, cosine)
+    rows = np.flatnonzero((lobes.fresnel == DIELECTRIC) & ~lobes.is_perfect & ~any_column(lobes.transmission > 0))
+    if len(rows):
+        share = read_schlick_share(np.sqrt(lobes.alpha[rows]), cosine[rows], lobes.eta[rows])[:, np.newaxis]
+        f0 = lobes.f0[rows]
+        reflectance[rows] = (f0 + (1.0 - f0) * share) * lobes.reflection[rows]
+    return reflectance, transmittance

@@ -1,0 +1,75 @@
+"""Light split by the first scattering of its path: diffuse, glossy or transmitted, direct or indirect.
+
+A camera's path is scattered first where it meets a surface that it does not pass straight. What a part of that
+surface's BSDF, f_k of f, sends on is its part's light: of the light that arrives there by one more ray, direct, of all
+that comes later, indirect, in the share f_k / f of the direction that the path took. A film divides the parts by their
+colors, so that for each part (direct + indirect) color, and Emission and Environment, add up to Combined.
+
+References
+----------
+Blender, intern/cycles/kernel/film/light_passes.h and integrator/surface_shader.h, which takes glass for glossy or for
+transmission by the side that light comes from.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from raytracer.arrays.rows import sum_columns
+from raytracer.arrays.types import Booleans, Floats, Indices
+from raytracer.bsdfs.bounce_kinds import TRANSMITTED
+from raytracer.bsdfs.bsdf import BsdfSample, evaluate_bsdf
+from raytracer.bsdfs.closures import Shading
+from raytracer.film.passes import LIGHT_PARTS, light_pass
+from raytracer.integrator.parts import Parts, Split
+from raytracer.integrator.paths import PathPasses, Paths
+
+
+def split_paths(passes: PathPasses, paths: Paths) -> Split | None:
+    """Return how the light of paths is split; None where no pass asks."""
+    return None if passes.parts is None else Split(passes.parts.select(paths.row), paths.direct)
+
+
+def note_scattering(
+    passes: PathPasses, paths: Paths, shading: Shading, probabilities: Floats, sample: BsdfSample
+) -> None:
+    """Keep in which shares the parts of a BSDF have sent paths on that are scattered for the first time."""
+    if passes.parts is None:
+        return
+    rows = np.flatnonzero(paths.direct & sample.alive & ~sample.goes_straight)
+    passes.parts.diffuse[paths.row[rows]] = 0.0
+    glossy = np.where(sample.kind[rows] & TRANSMITTED, 0.0, 1.0)  # of what is perfect, nothing else leads there
+    passes.parts.glossy[paths.row[rows]] = glossy[:, np.newaxis]
+    if not np.isfinite(sample.density[rows]).any():
+        return
+    total, diffuse, glossy_part = (
+        evaluate_bsdf(shading, probabilities, sample.direction, part)[0] for part in (None, "diffuse", "glossy")
+    )
+    rows = rows[np.isfinite(sample.density[rows])]
+    for share, part in ((passes.parts.diffuse, diffuse), (passes.parts.glossy, glossy_part)):
+        value = np.zeros((len(rows), 3))
+        share[paths.row[rows]] = np.divide(part[rows], total[rows], out=value, where=total[rows] != 0)
+
+
+def add_met(passes: PathPasses, paths: Paths, light: Floats) -> None:
+    """Add light (k, 3) that paths meet after they have been scattered."""
+    if passes.parts is None:
+        return
+    rows = np.flatnonzero(~paths.direct)
+    shares = passes.parts.select(paths.row[rows])
+    is_direct = sum_columns(paths.bounces[rows]) == 1
+    add_parts(passes, paths.row[rows], light[rows], shares.scale(light[rows]), is_direct)
+
+
+def add_aimed(passes: PathPasses, row: Indices, sent: Floats, arriving: Floats, split: Split) -> None:
+    """Add light (k, 3) that arrives from sources; split : `sent`, what they sent, in parts."""
+    passed = np.divide(arriving, sent, out=np.zeros_like(arriving), where=sent != 0)
+    add_parts(passes, row, arriving, split.parts.scale(passed), split.unscattered)
+
+
+def add_parts(passes: PathPasses, row: Indices, light: Floats, parts: Parts, is_direct: Booleans) -> None:
+    """Add light (k, 3) and its parts to the passes of direct, or elsewhere indirect, light."""
+    transmitted = light - parts.diffuse - parts.glossy
+    for name, values in zip(LIGHT_PARTS, (parts.diffuse, parts.glossy, transmitted), strict=True):
+        for way, chosen in (("Direct", is_direct), ("Indirect", ~is_direct)):
+            passes.add(light_pass(name, way), row[chosen], values[chosen])
