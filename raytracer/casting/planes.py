@@ -37,6 +37,8 @@ SMALLEST_NORMAL, LEAST_BOUND = 2.0**-900, 2.0**-1000
 # Rays with directions longer than this, or shorter than its inverse, are left to `query`: what is certain here may be
 # in doubt there, where products of lengths leave the range of pairs of float64, and is then measured in integers.
 LONGEST = 2.0**100
+# So are scenes that are larger than this power of two, or smaller than its inverse.
+LARGEST_SIZE = 200
 # Corners that may be moved by more than this are not measured: nothing is known of their lines.
 MOST_MOVED = 2.0**-20
 # Pairs measured at a time: what they need fits the cache.
@@ -94,7 +96,8 @@ def _cross_sides(corners: Floats, exponent: int) -> tuple[Floats, Floats]:
 def _pack_planes(corners: Floats, exponent: int, normal: Floats, error: Floats, last: Floats) -> Floats:
     planes = np.empty((corners.shape[2], PLANE_COLUMNS))
     planes[:, :3], planes[:, 3:6] = normal.T, times_power(corners[0].T, exponent)
-    planes[:, 6], planes[:, 7] = UNIT_ROUNDOFF * (error + 8), last
+    known = abs(exponent) < LARGEST_SIZE
+    planes[:, 6], planes[:, 7] = UNIT_ROUNDOFF * (error + 8) if known else np.inf, last
     return planes
 
 

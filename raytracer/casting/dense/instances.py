@@ -64,7 +64,7 @@ from raytracer.casting.dense.tree import (
 )
 from raytracer.casting.framed import EXPONENT_BITS, FramedRays, largest_row
 from raytracer.casting.geometry import Geometry, Ids
-from raytracer.casting.planes import LINE_COLUMNS, Lanes, make_lines
+from raytracer.casting.planes import LARGEST_SIZE, LINE_COLUMNS, Lanes, make_lines
 from raytracer.casting.primitives import Primitives, bound_images, extremes, instance_bounds
 from raytracer.predicates.rounding import UNIT_ROUNDOFF, gamma
 
@@ -227,7 +227,8 @@ def _make_frames(geometry: Geometry, frame: Frame, shared: NDArray, mesh_frames:
     frames[:, 9:12] = np.ldexp(translation, frame.exponent)
     frames[:, 12:15] = np.ldexp(centre, exponent[:, np.newaxis])
     frames[:, 15] = np.abs(frames[:, :9]).reshape(-1, 3, 3).sum(axis=2).max(axis=1)
-    frames[:, 16], frames[:, 17] = 4 * residual, np.ldexp(corners, exponent)
+    known = abs(frame.exponent) < LARGEST_SIZE
+    frames[:, 16], frames[:, 17] = 4 * residual, np.ldexp(corners, exponent) if known else np.inf
     frames[:, 18] = np.abs(frames[:, 12:15]).max(axis=1)
     frames[:, 19] = QUERY_SHARE * UNIT_ROUNDOFF * _find_growth(matrices[:, :3, :3])
     return frames
