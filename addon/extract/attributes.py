@@ -1,11 +1,12 @@
-"""Attributes of meshes that materials read: uv maps, colors, any named attribute, Generated coordinates.
+"""Attributes that materials read: uv maps, colors, any named attribute, Generated coordinates; of meshes and points.
 
 Each is read from an evaluated mesh as (v, k) per vertex or (t, 3, k) per corner of the triangles; values per face or
-edge become values at corners.
+edge become values at corners. Those of point clouds are (s, k), one value per point.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from raytracer.shading.site_tables import UNDEFORMED
 from raytracer.textures.noise import LARGEST_WORD, hash_words
 
-from .meshes import Geometry, read_array, read_corners
+from .meshes import Geometry, Points, read_array, read_corners
 from .shaders.node_settings import DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND
 
 Values = NDArray[Any]
@@ -30,6 +31,8 @@ ATTRIBUTE_TYPES: dict[str, tuple[str, type, int]] = {
     "FLOAT_COLOR": ("color", np.float32, 4),
     "BYTE_COLOR": ("color", np.float32, 4),
 }
+# What only meshes have, under names of our own.
+UNNAMED = {DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND, UNDEFORMED}
 
 
 def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | None:
@@ -48,11 +51,31 @@ def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | No
         index = mesh.color_attributes.render_color_index
         name = mesh.color_attributes[index].name if 0 <= index < len(mesh.color_attributes) else ""
     attribute = mesh.attributes.get(name) if name else None
-    if attribute is None or attribute.data_type not in ATTRIBUTE_TYPES:
+    if attribute is None:
+        return None
+    values = read_values(attribute)
+    return None if values is None else to_triangles(mesh, geometry, attribute.domain, values)
+
+
+def read_point_attributes(cloud: Any, points: Points, names: Iterable[str]) -> dict[str, Values]:
+    """Return by name the attributes of the points (s, k) that a point cloud has, of kinds that materials read.
+
+    References
+    ----------
+    Blender, intern/cycles/blender/pointcloud.cpp, copy_attributes: all are there by name, and none without one.
+    """
+    found = {name: cloud.attributes.get(name) for name in sorted(set(names) - UNNAMED)}
+    values = {name: read_values(attribute) for name, attribute in found.items() if attribute is not None}
+    return {name: of_all[points.kept].astype(np.float64) for name, of_all in values.items() if of_all is not None}
+
+
+def read_values(attribute: Any) -> Values | None:
+    """Return an attribute's values (k, width), 0 for those that are NaN, or None for a kind that materials cannot
+    read."""
+    if attribute.data_type not in ATTRIBUTE_TYPES:
         return None
     field, dtype, width = ATTRIBUTE_TYPES[attribute.data_type]
-    values = read_array(attribute.data, field, dtype, width).reshape(-1, width).astype(np.float32)
-    return to_triangles(mesh, geometry, attribute.domain, np.nan_to_num(values))
+    return np.nan_to_num(read_array(attribute.data, field, dtype, width).reshape(-1, width).astype(np.float32))
 
 
 def read_islands(mesh: Any, geometry: Geometry) -> Values:

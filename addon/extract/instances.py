@@ -16,6 +16,7 @@ from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.textures.noise import hash_words
 
 from .. import versions
+from .attributes import read_point_attributes
 from .custom_properties import Color
 from .instance_properties import InstanceReader
 from .kept import Kept
@@ -241,16 +242,17 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         seen_by=seen_by,
         random=hash_name(source.name),
         terminator=versions.read_terminator(shown),
-        points=points,
     )
     sources = tuple(found.session_uid for found in (source.original, instancer.original, source.original.data))
     if points is not None:
         materials = find_materials(shown, source, (0,), context)
+        names = list_attributes(materials, context)
+        points = replace(points, attributes=read_point_attributes(shown.data, points, names))
         return PartEntry(
-            replace(part, material=materials[0], properties=list_properties(materials, context)),
+            replace(part, material=materials[0], points=points, properties=list_properties(materials, context)),
             None,
             identify(materials, context),
-            (),
+            tuple(names),
             sources,
             own.records,
         )
@@ -259,7 +261,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         if entry.geometry is None:
             return None
         materials = find_materials(shown, source, entry.geometry.used_slots, context)
-        names = context.materials.list_attributes(materials) if context.materials else set()
+        names = list_attributes(materials, context)
         index = context.meshes.find_index(entry, mesh, materials, names)
     part = replace(part, mesh=index, properties=list_properties(materials, context))
     return PartEntry(part, entry, identify(materials, context), tuple(names), sources, own.records)
@@ -268,6 +270,11 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
 def identify(materials: tuple[int, ...], context: Context) -> tuple[int, ...]:
     """Return the `session_uid` of materials, given by number."""
     return tuple(context.materials.find_identity(index) for index in materials) if context.materials else ()
+
+
+def list_attributes(materials: tuple[int, ...], context: Context) -> set[str]:
+    """Return the names of the attributes that materials, given by number, read."""
+    return context.materials.list_attributes(materials) if context.materials else set()
 
 
 def list_properties(materials: tuple[int, ...], context: Context) -> frozenset[str]:

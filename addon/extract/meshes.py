@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -191,10 +191,18 @@ def assign_materials(
 
 @dataclass(frozen=True)
 class Points:
-    """A point cloud in object space: centres (s, 3) and radii (s,), float64."""
+    """A point cloud in object space.
+
+    centres : (s, 3) float64
+    radii : (s,) float64
+    kept : (all points of the cloud,) bool, False for those left out
+    attributes : by name, (s, k) float64, what materials read of them
+    """
 
     centres: NDArray[np.float64]
     radii: NDArray[np.float64]
+    kept: NDArray[np.bool_]
+    attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def extract_points(cloud: Any, name: str, warnings: WarningList) -> Points | None:
@@ -211,4 +219,4 @@ def extract_points(cloud: Any, name: str, warnings: WarningList) -> Points | Non
     kept = finite & (radii > 0)
     if not kept.any():
         return None
-    return Points(centres[kept].astype(np.float64), radii[kept].astype(np.float64))
+    return Points(centres[kept].astype(np.float64), radii[kept].astype(np.float64), kept)

@@ -132,4 +132,5 @@ def place_points(part: ObjectEntry, world_from_object: NDArray[np.float64], warn
         shadow_catcher=part.shadow_catcher,
         seen_by=part.seen_by,
         name=part.object.name,
+        attributes=part.points.attributes,
     )

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import math
 import pickle
+import weakref
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from raytracer.film.error import format_error
@@ -37,6 +40,7 @@ class Session:
         self._depsgraph = 0
         self._asked: bytes | None = None
         self._scene_error = self._view_error = ""
+        _sessions.add(self)
 
     def update(self, depsgraph: Any, space: Any) -> None:
         """Take the scene as it is now; called after every change."""
@@ -86,7 +90,12 @@ class Session:
         asked = pickle.dumps((target, precision))
         if asked != self._asked and not self._scene_error:
             self._asked = asked
-            self._live.draw(target, precision)
+            self._live.draw(replace(target, workers=share_workers(scene, self, _sessions)), precision)
+
+    @property
+    def is_drawing(self) -> bool:
+        """True while the process draws, or will with the next redraw."""
+        return not (self.is_closed or self._scene_error) and (self._asked is None or self._live.is_drawing)
 
     @property
     def has_news(self) -> bool:
@@ -111,6 +120,7 @@ class Session:
         """Leave the process to others; may be called again."""
         if not self.is_closed:
             self.is_closed = True
+            _sessions.discard(self)
             pool.give_back(self._live)
 
 
@@ -118,6 +128,18 @@ def describe_picture(picture: Picture) -> str:
     """Return how far a picture is, and how wrong as far as that is known."""
     done = f"Sample {picture.samples}/{picture.total}"
     return f"{done} | error {format_error(picture.error)}" if math.isfinite(picture.error) else done
+
+
+_sessions: weakref.WeakSet[Session] = weakref.WeakSet()
+
+
+def share_workers(scene: Any, session: Session, sessions: Iterable[Session]) -> int:
+    """Return a session's even share, one at least, of a scene's workers among the sessions that draw.
+
+    It holds until the session draws something else: to begin anew for a change of shares would cost what is there.
+    """
+    others = sum(other.is_drawing for other in sessions if other is not session)
+    return max(1, int(settings_keywords(scene)["workers"]) // (1 + others))
 
 
 def explain(error: Exception) -> str:

@@ -48,6 +48,7 @@ from raytracer.integrator.traced_rays import (
     TracedRay,
 )
 from raytracer.lecture import Region, classify_barycentric, cross, dot, intersect_sphere, intersect_triangle, length
+from raytracer.lights.emitter_table import locate_emitters
 from raytracer.lights.emitters import pick_emitters
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.sobol import SobolSamples
@@ -270,7 +271,8 @@ def trace_shadow(integrator: Integrator, source: int | str, aimed: ShadowRays, c
         share = np.broadcast_to(cast_shadows(integrator.visibility, [aimed])[0][0], 3)
         blocker = None if share.any() else find_blocker(integrator, rays)
     if source == EMITTERS and integrator.emitters is not None:
-        target = int(integrator.emitters.instance[pick_emitters(integrator.emitters, np.array([0.5]))[0]])
+        picked = pick_emitters(integrator.emitters, np.array([0.5]))
+        target = int(locate_emitters(integrator.emitters, picked)[0][0])
     reach = float(rays.t_max[0])
     return Shadow(
         source=source,

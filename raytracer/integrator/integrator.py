@@ -30,7 +30,7 @@ from raytracer.integrator.light_sources import (
 from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_picked_sources, split_lights
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, transparent_visibility
-from raytracer.lights.emitters import Emitters, make_emitters
+from raytracer.lights.emitter_table import Emitters, make_emitters
 from raytracer.lights.environment import Environment, make_environment
 from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.light_nodes import ComputedLight, make_computed_lights
@@ -302,7 +302,7 @@ def _are_told_apart(seen_by: Masks | None) -> bool:
 def _hides_emitters(emitters: Emitters, seen_by: Masks) -> bool:
     """True where emissive geometry is hidden from reflected rays of some kind."""
     reflected = SEEN_BY["diffuse"] | SEEN_BY["glossy"] | SEEN_BY["transmission"]
-    return bool(((seen_by[emitters.instance] & reflected) != reflected).any())
+    return bool(((seen_by[emitters.records] & reflected) != reflected).any())
 
 
 def _is_present(source: LightSource, catchers_only: bool) -> bool:

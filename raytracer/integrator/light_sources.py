@@ -33,8 +33,8 @@ import numpy as np
 from raytracer.arrays.types import Counts, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.bsdfs.closures import Shading
+from raytracer.lights.emitter_table import Emitters, locate_emitters
 from raytracer.lights.emitters import (
-    Emitters,
     pick_emitters,
     place_on_triangles,
     sample_picked,
@@ -202,9 +202,9 @@ class EmissiveGeometry(LightSource):
             picked, pair = pick_emitters(emitters, sampler.uniform(0)), sampler.uniform_pair(1)
             light, key = sample_picked(emitters, points.surface, picked, pair, points.depths), _fill(points, ALONE)
         if self.links is not None:
-            receivers = self.links.receivers[emitters.instance[picked]]
+            receivers = self.links.receivers[locate_emitters(emitters, picked)[0]]
             light.weight[~self.links.find_lit(receivers, points.surface.instance)] = 0.0
-        seen_by = None if self.seen_by_object is None else self.seen_by_object[emitters.instance[picked]]
+        seen_by = None if self.seen_by_object is None else self.seen_by_object[locate_emitters(emitters, picked)[0]]
         return KeyedSamples(light, key, seen_by)
 
 

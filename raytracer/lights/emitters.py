@@ -6,19 +6,26 @@ solid angle. A sphere is sampled evenly over the cone in which it is seen. Both 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, mean_column, take_rows
+from raytracer.arrays.rows import take_rows
 from raytracer.arrays.types import Floats, Integers
 from raytracer.arrays.vectors import normalize
-from raytracer.casting.geometry import Kind, join_id, world_corners
-from raytracer.casting.rays import Hits, Rays
+from raytracer.casting.geometry import Kind, world_corners
+from raytracer.casting.rays import Rays
 from raytracer.lecture import cross, dot, length
+from raytracer.lights.emitter_table import (
+    Emitters,
+    Numbers,
+    find_spheres,
+    locate_emitters,
+    measure_corners,
+    place_surface,
+)
+from raytracer.lights.instanced_emitters import find_chances, find_materials, pick_triangles
 from raytracer.lights.light_shapes import (
     LightSamples,
     distance_to_sphere,
@@ -26,154 +33,17 @@ from raytracer.lights.light_shapes import (
     sample_sphere_directions,
     sphere_density,
 )
-from raytracer.shading.light_path import Depths, LightPath, describe_sampling
-from raytracer.surfaces.surface import Surface, make_surface
-from raytracer.surfaces.surface_tables import CASTER_ERROR, INTERPOLATION_ERROR, SurfaceTables, interpolate
+from raytracer.shading.light_path import Depths, describe_sampling
+from raytracer.surfaces.surface import Surface
+from raytracer.surfaces.surface_tables import CASTER_ERROR, INTERPOLATION_ERROR, interpolate
 
 # Emitters seen closer to edge-on than this light nothing that a float64 could tell from 0; keeps their distance finite.
 SMALLEST_COSINE = 2.0**-26
 
-# Points at which a radiance that varies is looked at before the render, to share out the samples of lights.
-ESTIMATE_POINTS = 256
-# What seems dark at all of them keeps this share of the brightest.
-LEAST_SHARE = 2.0**-6
-# Even steps through three dimensions: powers of the inverse of the real root of x^4 = x + 1 (M. Roberts, "The
-# Unreasonable Effectiveness of Quasirandom Sequences", 2018).
-GOLDEN_STEPS = 1.2207440846057596 ** -np.arange(1.0, 4.0)
-
-RadianceAt = Callable[[Surface, LightPath], Floats]
-
-
-@dataclass(frozen=True, eq=False)
-class Emitters:
-    """All emissive primitives of a scene.
-
-    instance, primitive : (k,) int32, as in Hits
-    material : (k,) int32
-    corners : (k, 3 corners, 3) float64, world, and normal : (k, 3) float64, unit, of triangles; 0 for spheres
-    error : (k,) float64, metres, bound on the error of a point on the triangle
-    cumulative : (k,) float64, running sum of the shares of power, ending at 1
-    power_density : (materials,) float64, the material's mean size of radiance times pi over the total power: the share
-        of a primitive of area A is A times this
-    radiance : (materials, 3) float64, 1 for those that programs compute
-    varies : (materials,) bool, True for those, or None where all are constant
-    find_radiance : (n, 3) radiance at points of a surface; asked for materials that vary
-    """
-
-    tables: SurfaceTables
-    instance: Integers
-    primitive: Integers
-    material: Integers
-    corners: Floats
-    normal: Floats
-    error: Floats
-    cumulative: Floats
-    power_density: Floats
-    radiance: Floats
-    varies: NDArray[np.bool_] | None = None
-    find_radiance: RadianceAt | None = None
-
-    @property
-    def is_empty(self) -> bool:
-        """True where nothing shines."""
-        return not len(self.instance)
-
-    @property
-    def has_spheres(self) -> bool:
-        """True where some of the primitives are spheres."""
-        return bool(self.tables.geometry.belongs_to_kind(self.instance, Kind.SPHERE).any())
-
-
-def make_emitters(
-    tables: SurfaceTables,
-    radiance: Floats,
-    find_radiance: RadianceAt | None = None,
-    present: NDArray[np.bool_] | None = None,
-) -> Emitters:
-    """Collect the primitives whose material has radiance (materials, 3) other than 0, or NaN: `find_radiance` tells.
-
-    present : (instances + groups,) bool, True for those that count; None where all do
-    """
-    varies = any_column(np.isnan(radiance))
-    radiance = np.where(varies[:, np.newaxis], 1.0, radiance)
-    emitters = _collect(tables, radiance, mean_column(np.abs(radiance)), present)
-    if find_radiance is None or not varies.any():
-        return emitters
-    mean = _estimate_means(emitters, varies, find_radiance)
-    return replace(_collect(tables, radiance, mean, present), varies=varies, find_radiance=find_radiance)
-
-
-def _collect(
-    tables: SurfaceTables, radiance: Floats, mean: Floats, present: NDArray[np.bool_] | None = None
-) -> Emitters:
-    """Return the primitives that shine; mean : (materials,), by which they are picked."""
-    found = [
-        _find_emissive(tables, record, radiance) if present is None or present[record] else np.zeros(0, np.int32)
-        for record in range(len(tables.material_first))
-    ]
-    instance = np.concatenate(
-        [np.zeros(0, np.int32), *(np.full(len(rows), k, np.int32) for k, rows in enumerate(found))]
-    )
-    primitive = np.concatenate([np.zeros(0, np.int32), *found])
-    material = _materials(tables, instance, primitive)
-    corners = _gather_corners(tables, instance, primitive)
-    power = _areas(tables, instance, primitive, corners) * mean[material]
-    total = power.sum()
-    shining = power > 0  # a triangle without area cannot be picked
-    a, b, c = (corners[shining, k] for k in range(3))
-    magnitude = np.maximum(np.maximum(length(a), length(b)), length(c))
-    return Emitters(
-        tables=tables,
-        instance=instance[shining],
-        primitive=primitive[shining],
-        material=material[shining],
-        corners=corners[shining],
-        normal=normalize(cross(b - a, c - a)),
-        error=INTERPOLATION_ERROR * magnitude + CASTER_ERROR * np.maximum(length(b - a), length(c - a)),
-        cumulative=np.cumsum(power[shining]) / total if total > 0 else power[shining],
-        power_density=mean / total if total > 0 else np.zeros_like(mean),
-        radiance=radiance,
-    )
-
-
-def _estimate_means(emitters: Emitters, varies: NDArray[np.bool_], find_radiance: RadianceAt) -> Floats:
-    """Return about the mean radiance of each material (materials,): of those that vary from ESTIMATE_POINTS of their
-    points; never 0, for they may shine elsewhere."""
-    mean = mean_column(np.abs(emitters.radiance))
-    material = emitters.material
-    numbers = (np.arange(ESTIMATE_POINTS)[:, np.newaxis] + 0.5) * GOLDEN_STEPS % 1.0
-    for number in np.flatnonzero(varies):
-        rows = np.flatnonzero(material == number)
-        if not len(rows):
-            continue
-        picked = rows[(numbers[:, 2] * len(rows)).astype(np.int64)]
-        surface = _place_surface(emitters, picked, numbers[:, :2], None, None)
-        # As if from a metre away, after the first bounce.
-        depths = Depths(np.zeros(ESTIMATE_POINTS, np.int32), np.zeros((ESTIMATE_POINTS, 3), np.int32))
-        mean[number] = np.abs(find_radiance(surface, describe_sampling(np.ones(ESTIMATE_POINTS), depths))).mean()
-    return np.maximum(mean, LEAST_SHARE * max(mean.max(initial=0.0), np.finfo(np.float64).tiny))
-
-
-def _place_surface(
-    emitters: Emitters, picked: NDArray[np.intp], pair: Floats, rays: Rays | None, distance: Floats | None
-) -> Surface:
-    """Return the surface at points of primitives, as rays see it that end there; None: seen from straight above, where
-    a sphere is met at one point."""
-    instance, primitive = emitters.instance[picked], emitters.primitive[picked]
-    root = np.sqrt(pair[:, 0])
-    weights = np.stack([root * (1.0 - pair[:, 1]), root * pair[:, 1]], axis=1)
-    count = len(picked)
-    if rays is None:
-        down = np.tile((0.0, 0.0, -1.0), (count, 1))
-        rays, distance = Rays(-down, down, np.zeros(count), np.full(count, np.inf)), np.zeros(count)
-    assert distance is not None
-    hits = Hits(distance, np.zeros(count), instance, primitive, weights, np.ones(count, dtype=np.bool_))
-    return make_surface(emitters.tables, rays, hits)
-
 
 def vary_radiance(
     emitters: Emitters,
-    picked: NDArray[np.intp],
+    picked: Numbers,
     pair: Floats,
     surface: Surface,
     light: LightSamples,
@@ -187,52 +57,18 @@ def vary_radiance(
     """
     if emitters.varies is None or emitters.find_radiance is None:
         return
-    material = emitters.material[picked]
-    rows = np.flatnonzero(emitters.varies[material] & (light.density > 0))
+    rows = np.flatnonzero(emitters.varies[find_picked_materials(emitters, picked)] & (light.density > 0))
     if not len(rows):
         return
     count = len(rows)
     rays = Rays(surface.position[rows], light.direction[rows], np.zeros(count), np.full(count, np.inf))
-    shining = _place_surface(emitters, picked[rows], pair[rows], rays, light.distance[rows])
+    shining = place_surface(emitters, picked[rows], pair[rows], rays, light.distance[rows])
     path = describe_sampling(light.distance[rows], None if depths is None else depths.select(rows))
     light.weight[rows] *= emitters.find_radiance(shining, path)
 
 
-def _find_emissive(tables: SurfaceTables, record: int, radiance: Floats) -> Integers:
-    """Return the emissive primitives of one instance or group."""
-    count = int(np.diff(tables.geometry.first_id)[record])
-    primitives = np.arange(count, dtype=np.int32)
-    material = _materials(tables, np.full(count, record, dtype=np.int32), primitives)
-    return primitives[any_column(radiance[material] != 0)]
-
-
-def _materials(tables: SurfaceTables, instance: Integers, primitive: Integers) -> Integers:
-    return tables.material[tables.material_first[instance] + tables.material_step[instance] * primitive]
-
-
-def _spheres(tables: SurfaceTables, instance: Integers, primitive: Integers) -> NDArray[np.int64]:
-    return tables.geometry.find_rows(join_id(tables.geometry, instance, primitive), Kind.SPHERE)
-
-
-def _gather_corners(tables: SurfaceTables, instance: Integers, primitive: Integers) -> Floats:
-    """Return the world corners (k, 3 corners, 3) of triangles, 0 for spheres."""
-    corners = np.zeros((len(instance), 3, 3))
-    flat = tables.geometry.belongs_to_kind(instance, Kind.TRIANGLE)
-    corners[flat] = np.stack(world_corners(tables.geometry, instance[flat], primitive[flat]), axis=1)
-    return corners
-
-
-def _areas(tables: SurfaceTables, instance: Integers, primitive: Integers, corners: Floats) -> Floats:
-    """Return the area of each primitive: |(b - a) x (c - a)| / 2, or 4 pi r^2."""
-    a, b, c = (corners[:, k] for k in range(3))
-    areas = length(cross(b - a, c - a)) / 2.0
-    flat = tables.geometry.belongs_to_kind(instance, Kind.TRIANGLE)
-    areas[~flat] = 4.0 * np.pi * tables.geometry.radii[_spheres(tables, instance[~flat], primitive[~flat])] ** 2
-    return areas
-
-
 def sample_picked(
-    emitters: Emitters, surface: Surface, picked: NDArray[np.intp], pair: Floats, depths: Depths | None = None
+    emitters: Emitters, surface: Surface, picked: Numbers, pair: Floats, depths: Depths | None = None
 ) -> LightSamples:
     """Sample a direction from each point of `surface` to its emitter of `picked` (n,).
 
@@ -246,15 +82,16 @@ def sample_picked(
     return samples
 
 
-def _aim_at_picked(emitters: Emitters, surface: Surface, picked: NDArray[np.intp], pair: Floats) -> LightSamples:
+def _aim_at_picked(emitters: Emitters, surface: Surface, picked: Numbers, pair: Floats) -> LightSamples:
     """Sample directions to emitters `picked` (n,) as if those that vary had radiance 1."""
-    spheres = np.flatnonzero(emitters.tables.geometry.belongs_to_kind(emitters.instance[picked], Kind.SPHERE))
+    round_ = emitters.tables.geometry.belongs_to_kind(locate_emitters(emitters, picked)[0], Kind.SPHERE)
+    spheres = np.flatnonzero(round_)
     if not len(spheres):
         return sample_placed(place_on_triangles(emitters, picked, pair), surface)
     samples = LightSamples(
         *(np.zeros(shape) for shape in ((len(picked), 3), len(picked), (len(picked), 3), len(picked)))
     )
-    flat = np.flatnonzero(emitters.tables.geometry.belongs_to_kind(emitters.instance[picked], Kind.TRIANGLE))
+    flat = np.flatnonzero(~round_)
     for rows, part in (
         (flat, sample_placed(place_on_triangles(emitters, picked[flat], pair[flat]), surface.select(flat))),
         (spheres, _aim_at_spheres(emitters, surface.select(spheres), picked[spheres], pair[spheres])),
@@ -264,9 +101,26 @@ def _aim_at_picked(emitters: Emitters, surface: Surface, picked: NDArray[np.intp
     return samples
 
 
-def pick_emitters(emitters: Emitters, choice: Floats) -> NDArray[np.intp]:
-    """Return (n,) rows of `emitters`, in proportion to their power, for uniform numbers (n,)."""
-    return np.searchsorted(emitters.cumulative, choice, side="right").clip(max=len(emitters.cumulative) - 1)
+def pick_emitters(emitters: Emitters, choice: Floats) -> Numbers:
+    """Return the numbers (n,) of emitters, in proportion to their power, for uniform numbers (n,)."""
+    unit = np.searchsorted(emitters.cumulative, choice, side="right").clip(max=len(emitters.cumulative) - 1)
+    if emitters.instanced is None or emitters.number is None:
+        return unit
+    picked = emitters.number[unit]
+    rows = np.flatnonzero(picked >= len(emitters.instance))
+    # What is left of the number, stretched to all of the instance's share, tells the triangle.
+    above = emitters.cumulative[unit[rows]]
+    below = np.where(unit[rows] > 0, emitters.cumulative[unit[rows] - 1], 0.0)
+    rest = np.clip((choice[rows] - below) / (above - below), 0.0, np.nextafter(1.0, 0.0))
+    picked[rows] += pick_triangles(emitters.instanced, locate_emitters(emitters, picked[rows])[0], rest)
+    return picked
+
+
+def find_picked_materials(emitters: Emitters, picked: Numbers) -> Integers:
+    """Return the materials (n,) of emitters by their numbers."""
+    if emitters.instanced is None:
+        return emitters.material[picked]
+    return find_materials(emitters.tables, *locate_emitters(emitters, picked))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -292,19 +146,34 @@ class EmitterPoints:
         )
 
 
-def place_on_triangles(emitters: Emitters, picked: NDArray[np.intp], pair: Floats) -> EmitterPoints:
+def place_on_triangles(emitters: Emitters, picked: Numbers, pair: Floats) -> EmitterPoints:
     """Return points even on the triangles `picked` (n,), beta = sqrt(u) (1 - v), gamma = sqrt(u) v."""
-    corners = take_rows(emitters.corners, picked)
+    if emitters.instanced is None:
+        corners, material = take_rows(emitters.corners, picked), emitters.material[picked]
+        normal, error = take_rows(emitters.normal, picked), emitters.error[picked]
+        density = emitters.power_density[material]
+    else:
+        instance, primitive = locate_emitters(emitters, picked)
+        corners = np.stack(world_corners(emitters.tables.geometry, instance, primitive), axis=1)
+        normal, error = measure_corners(corners)
+        area = length(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])) / 2.0
+        material, density = _find_densities(emitters, instance, primitive, area)
     root = np.sqrt(pair[:, 0])
     weights = np.stack([root * (1.0 - pair[:, 1]), root * pair[:, 1]], axis=1)
-    material = emitters.material[picked]
-    return EmitterPoints(
-        position=interpolate(weights, corners[:, 0], corners[:, 1], corners[:, 2]),
-        normal=take_rows(emitters.normal, picked),
-        error=emitters.error[picked],
-        density=emitters.power_density[material],
-        radiance=take_rows(emitters.radiance, material),
-    )
+    position = interpolate(weights, corners[:, 0], corners[:, 1], corners[:, 2])
+    return EmitterPoints(position, normal, error, density, take_rows(emitters.radiance, material))
+
+
+def _find_densities(
+    emitters: Emitters, instance: Integers, primitive: Integers, area: Floats
+) -> tuple[Integers, Floats]:
+    """Return the materials (n,) of triangles of known area, and the density per area (n,) of points picked on them."""
+    material = find_materials(emitters.tables, instance, primitive)
+    density = emitters.power_density[material]
+    if emitters.instanced is not None:
+        rows, share = find_chances(emitters.instanced, instance, primitive)
+        density[rows] = divide_rows(share, emitters.power * area[rows])
+    return material, density
 
 
 def sample_placed(points: EmitterPoints, surface: Surface) -> LightSamples:
@@ -326,10 +195,10 @@ def _stop_before(distance: Floats, cosine: Floats, error: Floats, surface_error:
     return np.maximum(distance - clearance, 0.0)
 
 
-def _aim_at_spheres(emitters: Emitters, surface: Surface, picked: NDArray[np.intp], pair: Floats) -> LightSamples:
+def _aim_at_spheres(emitters: Emitters, surface: Surface, picked: Numbers, pair: Floats) -> LightSamples:
     """Directions even over the cones in which spheres are seen."""
-    tables, instance, primitive = emitters.tables, emitters.instance[picked], emitters.primitive[picked]
-    sphere = _spheres(tables, instance, primitive)
+    tables, (instance, primitive) = emitters.tables, locate_emitters(emitters, picked)
+    sphere = find_spheres(tables, instance, primitive)
     radii = tables.geometry.radii[sphere]
     offset = tables.geometry.centres[sphere] - surface.position
     direction = sample_sphere_directions(offset, radii, pair)
@@ -338,7 +207,7 @@ def _aim_at_spheres(emitters: Emitters, surface: Surface, picked: NDArray[np.int
     cosine = np.abs(dot(direction, offset - distance[:, np.newaxis] * direction)) / radii
     error = INTERPOLATION_ERROR * length(tables.geometry.centres[sphere]) + CASTER_ERROR * radii
     density = emitter_density(emitters, surface.position, direction, instance, primitive)
-    weight = divide_rows(emitters.radiance[emitters.material[picked]], density)
+    weight = divide_rows(emitters.radiance[find_picked_materials(emitters, picked)], density)
     return LightSamples(direction, _stop_before(distance, cosine, error, surface.position_error), weight, density)
 
 
@@ -348,19 +217,23 @@ def emitter_density(
     """Return the density per solid angle (n,) with which picked emitters are sampled in unit directions (n, 3) that
     meet the given primitives; 0 where those do not shine, or are met edge-on."""
     tables = emitters.tables
-    share_per_area = emitters.power_density[_materials(tables, instance, primitive)]
+    share_per_area = emitters.power_density[find_materials(tables, instance, primitive)]
     density = np.zeros(len(instance))
     shines = share_per_area > 0
     flat = np.flatnonzero(shines & tables.geometry.belongs_to_kind(instance, Kind.TRIANGLE))
     if len(flat):
         a, b, c = world_corners(tables.geometry, instance[flat], primitive[flat])
-        normal = normalize(cross(b - a, c - a))
+        edges = cross(b - a, c - a)
+        normal = normalize(edges)
         slope = dot(directions[flat], normal)
         distance = np.divide(dot(a - origins[flat], normal), slope, out=np.zeros(len(flat)), where=slope != 0)
         density[flat] = np.divide(distance**2, np.abs(slope), out=np.zeros(len(flat)), where=slope != 0)
+        if emitters.instanced is not None:
+            area = length(edges) / 2.0
+            share_per_area[flat] = _find_densities(emitters, instance[flat], primitive[flat], area)[1]
     round_ = np.flatnonzero(shines & tables.geometry.belongs_to_kind(instance, Kind.SPHERE))
     if len(round_):
-        sphere = _spheres(tables, instance[round_], primitive[round_])
+        sphere = find_spheres(tables, instance[round_], primitive[round_])
         offset, radii = tables.geometry.centres[sphere] - origins[round_], tables.geometry.radii[sphere]
         density[round_] = 4.0 * np.pi * radii**2 * sphere_density(offset, radii)
     return share_per_area * density

@@ -17,6 +17,7 @@ from typing import Any
 
 from raytracer.processes.channel import ChannelClosedError, unpack
 from raytracer.processes.child import Child, Pulse, open_channel, read_inbox
+from raytracer.processes.dropping import dropped_when
 from raytracer.processes.shared_memory import Door, SharedMemory, Ticket, open_shared
 
 # Jobs handed out per worker beyond the one whose result is due: enough that no worker waits for the parent.
@@ -25,6 +26,8 @@ JOBS_AHEAD = 2
 POLL_SECONDS = 0.02
 # How many workers may be lost over one job: a computer or a process fails once, a job that fails twice is to blame.
 ATTEMPTS = 2
+# A request without an answer: the one before it is not needed any more. Nothing else is said to a worker at work.
+DROP = ("drop", None)
 
 
 class WorkerError(RuntimeError):
@@ -110,7 +113,7 @@ class Workers:
     def run(self, jobs: Iterable[Any], is_cancelled: Callable[[], bool] = lambda: False) -> Iterator[Any]:
         """Yield the result of every job, in order; stop early, dropping what is under way, when `is_cancelled()`.
 
-        `jobs` is read only a few jobs ahead of the results.
+        `jobs` is read only a few jobs ahead of the results. Functions that ask `is_dropped` end at once then.
 
         Raises
         ------
@@ -123,15 +126,26 @@ class Workers:
                 pending.append(self._threads.submit(self._call, job))
                 if len(pending) > JOBS_AHEAD * len(self):
                     if self._wait(pending[0], is_cancelled):
+                        self._drop(pending)
                         return
                     yield pending.popleft().result()
             while pending:
                 if self._wait(pending[0], is_cancelled):
+                    self._drop(pending)
                     return
                 yield pending.popleft().result()
         finally:
             for future in pending:
                 future.cancel()
+
+    def _drop(self, pending: Iterable[Future[Any]]) -> None:
+        """Ask for no more, and let those at work know that nobody waits for what they do."""
+        for future in pending:
+            future.cancel()
+        for worker in self._workers:
+            if worker.is_asked:
+                with suppress(ChannelClosedError):
+                    worker.child.channel.send(DROP)
 
     def close(self) -> None:
         """End the processes; whatever they are doing is lost."""
@@ -254,9 +268,11 @@ def serve(door: int) -> None:
     function: Callable[[Any], Any] | None = None
     while True:
         parts = inbox.get()
-        with pulse:
+        with pulse, dropped_when(lambda: not inbox.empty()):
             try:
                 kind, content = unpack(parts)
+                if kind == "drop":
+                    continue  # what it is about has been answered
                 if kind == "load":
                     function = None  # what was loaded before makes room
                     function = _load(door, *content)

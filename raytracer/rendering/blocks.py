@@ -21,6 +21,7 @@ from raytracer.integrator.integrator import Integrator, prepare
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import WORD_LIMIT, Settings, check_integer
 from raytracer.lights.shared_points import choose_interleaving
+from raytracer.processes.dropping import is_dropped
 from raytracer.processes.pool import Pool
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
 from raytracer.sampling.dimensions import FILTER_DIMENSION, LENS_DIMENSION
@@ -262,7 +263,7 @@ def trace_blocks(
     if pool is not None:
         _, caster, *_ = tracer_arguments
         caster.closest_hit(*RAY)  # its tree is built here, and shared: each worker would build one of its own
-        pool.load(BlockTracer, *tracer_arguments)
+        pool.load(BlockTracer, *tracer_arguments, is_dropped)
         on_stage("Tracing")
         for blocks in phases:
             yield from pool.run(blocks, is_cancelled)

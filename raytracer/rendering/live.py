@@ -18,6 +18,7 @@ import numpy as np
 from raytracer.casting.caster import Caster, build
 from raytracer.processes.channel import ChannelClosedError, unpack
 from raytracer.processes.child import Child, Pulse, describe_error, open_channel, read_inbox
+from raytracer.processes.late_pool import LatePool
 from raytracer.processes.python import print_traceback
 from raytracer.processes.transfer import Parcel, Receiver, Sender
 from raytracer.rendering.progressive import Picture, Target, refine
@@ -42,10 +43,16 @@ class Job:
 
 
 @dataclass(frozen=True)
+class Rest:
+    """Nothing will be asked for soon: workers may end."""
+
+
+@dataclass(frozen=True)
 class Report:
     """What the process says.
 
     job : the job that it is about
+    workers : process ids of those that help
     is_finished : True after the last picture of a job
     error : why nothing can be drawn; a sentence
     """
@@ -54,6 +61,7 @@ class Report:
     picture: Picture | None = None
     is_finished: bool = False
     error: str = ""
+    workers: tuple[int, ...] = ()
 
 
 class Live:
@@ -66,7 +74,7 @@ class Live:
         self._latest: Report | None = None
         self._shown: Report | None = None
         self._closing = threading.Event()
-        self._outbox: queue.SimpleQueue[Parcel | Job | None] = queue.SimpleQueue()
+        self._outbox: queue.SimpleQueue[Parcel | Job | Rest | None] = queue.SimpleQueue()
         self._child = Child(__name__)
         lives = (self._write, self._listen, self._watch)
         self._threads = [threading.Thread(target=live, name="raytracer-live", daemon=True) for live in lives]
@@ -96,8 +104,9 @@ class Live:
         self._outbox.put(Job(self._job, target, precision))
 
     def forget(self) -> None:
-        """Stop drawing and let go of the scene, the pictures and what was reported."""
+        """Stop drawing and let go of the scene, the workers, the pictures and what was reported."""
         self.set_scene(Scene())
+        self._outbox.put(Rest())
         self._forgotten = self._job
 
     @property
@@ -105,6 +114,13 @@ class Live:
         """The newest report, of whatever job since `forget`."""
         latest = self._latest
         return latest if latest is not None and latest.job > self._forgotten else None
+
+    @property
+    def is_drawing(self) -> bool:
+        """True until the last job asked for since `forget` is finished."""
+        latest = self._latest
+        is_finished = latest is not None and latest.job == self._job and latest.is_finished
+        return self._job > self._forgotten and not is_finished
 
     @property
     def is_running(self) -> bool:
@@ -194,6 +210,7 @@ class Painter:
         self._caster: Caster | None = None
         self._is_built = False
         self._pace = 0.0
+        self._helpers: LatePool | None = None
 
     def take(self, parcel: Parcel) -> None:
         """Take a scene."""
@@ -206,9 +223,24 @@ class Painter:
             self._caster, self._is_built = build(self._scene, job.precision, last=self._caster), True
 
         def show(picture: Picture) -> None:
-            self._send(Report(job.number, picture, is_finished=picture.samples == picture.total))
+            workers = tuple(self._helpers.process_ids) if self._helpers else ()
+            self._send(Report(job.number, picture, is_finished=picture.samples == picture.total, workers=workers))
 
-        self._pace = refine(self._scene, self._caster, job.target, show, is_cancelled, self._pace)
+        arguments = self._scene, self._caster, job.target, show, is_cancelled
+        self._pace = refine(*arguments, self._pace, self.find_helpers)
+
+    def find_helpers(self, count: int) -> LatePool:
+        """Return a pool of `count` workers, the last one if it has as many."""
+        if self._helpers is None or len(self._helpers) != count:
+            self.rest()
+            self._helpers = LatePool(count)
+        return self._helpers
+
+    def rest(self) -> None:
+        """End the workers."""
+        if self._helpers is not None:
+            self._helpers.close()
+            self._helpers = None
 
 
 def serve() -> None:
@@ -228,6 +260,8 @@ def serve() -> None:
             try:
                 if isinstance(message, Job):
                     painter.paint(message, lambda: not inbox.empty())
+                elif isinstance(message, Rest):
+                    painter.rest()
                 else:
                     painter.take(message)
             except ChannelClosedError:

@@ -19,6 +19,7 @@ from raytracer.casting.caster import Caster
 from raytracer.film.camera import measure_fitted_side
 from raytracer.film.film import Film
 from raytracer.integrator.settings import Border
+from raytracer.processes.pool import Pool
 from raytracer.rendering.render import render
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
@@ -30,6 +31,9 @@ COARSEST = 16
 FEWEST_PIXELS = 1 << 10
 # Before any pace is known.
 FIRST_FACTOR = 8
+# Seconds that the finest picture must take by the last one's pace, for others to help with it: to start or load them
+# takes about one, of as many cores.
+LONG_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,7 @@ class Target:
     border : the part of the frame to draw, (x_min, y_min, x_max, y_max), y up; None draws all
     pixel_size : side, in pixels of the frame, of the finest pixels that are drawn
     samples : of each of the finest pixels
+    workers : processes that may draw the finest picture
     settings : other keywords of `render`
     """
 
@@ -49,6 +54,7 @@ class Target:
     border: Border | None = None
     pixel_size: int = 1
     samples: int = 32
+    workers: int = 1
     settings: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -79,10 +85,12 @@ def refine(
     show: Callable[[Picture], None],
     is_cancelled: Callable[[], bool],
     pace: float = 0.0,
+    find_helpers: Callable[[int], Pool] | None = None,
 ) -> float:
     """Show ever better pictures of `scene` until `target` is met or the user cancels.
 
     pace : pixels per second, as this function last returned it for a similar scene; 0 = unknown
+    find_helpers : returns a Pool of so many workers; called where the finest picture takes long and may have several
 
     Returns
     -------
@@ -95,7 +103,9 @@ def refine(
         def show_film(film: Film, done: int, total: int, factor: int = factor, is_final: bool = is_final) -> None:
             show(develop(film, target, factor, (done, total) if is_final else (0, target.samples)))
 
-        film = render_coarse(scene, caster, target, factor, target.samples if is_final else 1, show_film, is_cancelled)
+        helpers = find_helpers(target.workers) if is_final and find_helpers and wants_helpers(target, pace) else 1
+        samples = target.samples if is_final else 1
+        film = render_coarse(scene, caster, target, factor, samples, show_film, is_cancelled, helpers)
         if film.cancelled:
             break
         if not is_final:
@@ -121,6 +131,13 @@ def list_factors(target: Target, pace: float) -> Iterator[int]:
     yield target.pixel_size
 
 
+def wants_helpers(target: Target, pace: float) -> bool:
+    """Return whether the finest picture may have several workers and takes LONG_SECONDS by the pace, if it is known."""
+    width, height = measure_part(target)
+    rays = width * height * target.samples / target.pixel_size**2
+    return target.workers > 1 and pace > 0 and rays > pace * LONG_SECONDS
+
+
 def measure_part(target: Target) -> tuple[int, int]:
     """Return width and height of the part of the frame that is drawn, pixels."""
     x_min, y_min, x_max, y_max = target.border or (0, 0, target.width, target.height)
@@ -135,6 +152,7 @@ def render_coarse(
     samples: int,
     on_sweep: Callable[[Film, int, int], None],
     is_cancelled: Callable[[], bool],
+    workers: int | Pool = 1,
 ) -> Film:
     """Render the target in pixels of factor x factor; those at the right and upper edge may reach over it."""
     width, height = -(-target.width // factor), -(-target.height // factor)
@@ -144,6 +162,7 @@ def render_coarse(
         height,
         samples,
         caster=caster,
+        workers=workers,
         border=coarsen_border(target.border, factor),
         on_sweep=on_sweep,
         is_cancelled=is_cancelled,

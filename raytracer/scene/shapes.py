@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from raytracer.arrays.checks import as_array, require_finite, require_range
 from raytracer.scene.fields import (
@@ -72,19 +71,23 @@ class Mesh:
                 per_corner = np.ndim(getattr(self, name)) == 3
                 shape = (len(triangles), 3, width) if per_corner else (len(positions), width)
                 set_array(self, name, np.float64, shape, label)
-        if not isinstance(self.attributes, Mapping):
-            raise ValueError(f"{label}: attributes: expected a table, got {type(self.attributes).__name__}")
-        set_field(self, "attributes", {name: self._check_attribute(name, label) for name in self.attributes})
+        _set_attributes(self, len(positions), len(triangles), label)
         _set_material(self, len(triangles), label)
 
-    def _check_attribute(self, name: str, label: str) -> NDArray[Any]:
+
+def _set_attributes(record: Mesh | Spheres, points: int, triangles: int | None, label: str) -> None:
+    """Attributes have (k) numbers of each point, or (3, k) of each triangle where a record has triangles."""
+    if not isinstance(record.attributes, Mapping):
+        raise ValueError(f"{label}: attributes: expected a table, got {type(record.attributes).__name__}")
+    checked = {}
+    for name, values in record.attributes.items():
         require_text(name, f"{label}: attributes")
-        value = np.asarray(self.attributes[name])
-        rows = (len(self.triangles), 3) if value.ndim == 3 else (len(self.positions),)
-        array = as_array(value, np.float64, (*rows, "k"), f"{label}: attribute {name!r}")
+        rows = (points,) if triangles is None or np.ndim(values) != 3 else (triangles, 3)
+        array = as_array(np.asarray(values), np.float64, (*rows, "k"), f"{label}: attribute {name!r}")
         require_range(np.asarray(array.shape[-1]), 1, 4, f"{label}: attribute {name!r}: width")
         require_finite(array, f"{label}: attribute {name!r}")
-        return array
+        checked[name] = array
+    set_field(record, "attributes", checked)
 
 
 def _set_material(record: Any, count: int, label: str) -> None:
@@ -110,6 +113,7 @@ class Spheres:
     seen_by : bits of SEEN_BY, the classes of rays that see them
     shadow_catcher, light_set, receivers : bool, int, int, as in Instances
     random, color, properties : of the group, one number, (4,), and (4,) by name, float64, as in Instances
+    attributes : by name, (s, k) float64, of each sphere, for the programs of materials; k as in Mesh
     """
 
     centres: Any
@@ -125,6 +129,7 @@ class Spheres:
     random: float = 0.0
     color: Any = (1.0, 1.0, 1.0, 1.0)
     properties: Mapping[str, Any] = field(default_factory=dict)
+    attributes: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_text(self.name, "Spheres: name")
@@ -142,6 +147,7 @@ class Spheres:
         set_number(self, "random", 0.0, 1.0, label)
         set_array(self, "color", np.float64, (4,), label)
         set_properties(self, (4,), label)
+        _set_attributes(self, len(centres), None, label)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,18 +5,19 @@ A material without computed parameters is not in here, and a scene without any h
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Floats
+from raytracer.arrays.types import Floats, Integers
 from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_RANGES, CLOSURE_VECTORS, Closure, shines
 from raytracer.scene.programs import Program, Register, Value
 from raytracer.scene.scene import Scene
 from raytracer.shading.evaluate import evaluate, find_needed, list_attributes
 from raytracer.shading.light_path import LightPath
+from raytracer.shading.like_programs import describe_program, describe_value, merge_programs
 from raytracer.shading.site import Site, measure_footprint
 from raytracer.shading.site_tables import SiteTables
 from raytracer.surfaces.surface import Surface
@@ -33,7 +34,7 @@ NORMAL: Slot = (-1, "normal")
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """How some parameters of one material are computed.
+    """How some parameters of one material, or of several that are like it, are computed.
 
     values : the register, or the constant direction, of a field of a closure, by (slot, field)
     needed : the program's steps for them
@@ -46,12 +47,20 @@ class Recipe:
     shining: frozenset[Slot]
 
 
-Recipes = dict[int, Recipe]
+@dataclass(frozen=True, eq=False)
+class Recipes:
+    """The recipes of a scene's materials; those that differ in their images alone are one.
+
+    number : (materials,) int64, each material's among `recipes`; -1 where nothing is computed
+    """
+
+    recipes: tuple[Recipe, ...]
+    number: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class ComputedMaterials:
-    """The recipes of a scene's materials, by number: for everything, for emission and transparency alone, and for the
+    """The recipes of a scene's materials: for everything, for emission and transparency alone, and for the
     normals of those that have their own."""
 
     tables: SiteTables
@@ -85,12 +94,12 @@ def _make_normal_recipes(scene: Scene) -> Recipes:
         if material.normal is not None and material.program is not None:
             needed = find_needed(material.program, [material.normal])
             recipes[number] = Recipe(material.program, {NORMAL: material.normal}, needed, frozenset())
-    return recipes
+    return _join_recipes(recipes, len(scene.materials))
 
 
 def bend_normals(computed: ComputedMaterials, surface: Surface, path: LightPath | None) -> Surface:
     """Return the surface with the shading normals that materials have of their own."""
-    if not computed.normals:
+    if not computed.normals.recipes:
         return surface
     bent = compute_columns(computed, computed.normals, surface, path).get(NORMAL)
     if bent is None:
@@ -114,26 +123,52 @@ def _make_recipes(
             program = programs[material]
             shining = frozenset((slot, name) for slot, name in values if shines(closures[slot].kind, name))
             recipes[material] = Recipe(program, values, find_needed(program, values.values()), shining)
-    return recipes
+    return _join_recipes(recipes, len(kept))
+
+
+def _join_recipes(recipes: dict[int, Recipe], count: int) -> Recipes:
+    """Return the recipes of `count` materials, by number, with those that are like each other as one."""
+    groups: dict[Hashable, list[int]] = {}
+    for material, recipe in recipes.items():
+        values = tuple(
+            (slot, slot in recipe.shining, describe_value(recipe.values[slot])) for slot in sorted(recipe.values)
+        )
+        groups.setdefault((describe_program(recipe.program, recipe.needed), values), []).append(material)
+    number = np.full(count, -1, dtype=np.int64)
+    joined: list[Recipe] = []
+    for materials in groups.values():
+        number[materials] = len(joined)
+        first = recipes[materials[0]]
+        program = merge_programs([recipes[material].program for material in materials], materials, first.needed)
+        joined.append(replace(first, program=program) if len(materials) > 1 else first)
+    return Recipes(tuple(joined), number)
 
 
 def compute_columns(computed: ComputedMaterials, recipes: Recipes, surface: Surface, path: LightPath | None) -> Columns:
     """Return what the recipes make at n points: by (slot, field) arrays of n rows, NaN at points whose material does
     not compute that field."""
-    present = np.flatnonzero(np.bincount(surface.material, minlength=1))
     columns: Columns = {}
-    for material in present.tolist():
-        recipe = recipes.get(material)
-        if recipe is None:
-            continue
-        points = np.flatnonzero(surface.material == material)
+    for recipe, points in _sort_points(recipes, surface.material):
         outputs = evaluate(recipe.program, _make_site(computed, surface, path, points), recipe.needed)
         for slot, value in recipe.values.items():
-            width = (3,) if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else ()
-            column = columns.setdefault(slot, np.full((len(surface), *width), np.nan))
+            if slot not in columns:
+                width = (3,) if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else ()
+                columns[slot] = np.full((len(surface), *width), np.nan)
             found = outputs[value] if isinstance(value, Register) else value
-            column[points] = limit(slot[1], found, slot in recipe.shining)
+            columns[slot][points] = limit(slot[1], found, slot in recipe.shining)
     return columns
+
+
+def _sort_points(recipes: Recipes, material: Integers) -> Iterator[tuple[Recipe, NDArray[np.intp]]]:
+    """Yield each recipe of materials (n,), and its points in rising order: sorted once for all."""
+    if not recipes.recipes:
+        return
+    number = recipes.number[material] + 1
+    order = np.argsort(number, kind="stable")
+    ends = np.cumsum(np.bincount(number, minlength=len(recipes.recipes) + 1))
+    for recipe, start, end in zip(recipes.recipes, ends.tolist(), ends[1:].tolist(), strict=False):
+        if end > start:
+            yield recipe, order[start:end]
 
 
 def _make_site(computed: ComputedMaterials, surface: Surface, path: LightPath | None, points: NDArray[np.intp]) -> Site:

@@ -119,7 +119,7 @@ def _select_parameters(table: MaterialTable, slot: int, material: Integers, rows
 
 def _sum_parts(
     table: MaterialTable,
-    recipes: Recipes,
+    recipes: Recipes | None,
     surface: Surface,
     path: LightPath | None,
     constant: Floats,
@@ -133,7 +133,10 @@ def _sum_parts(
     rows = np.flatnonzero(any_column(np.isnan(total)))
     if not len(rows):
         return total
-    columns = compute_columns(table.computed, recipes, surface, path) if known is None else known
+    columns = known
+    if columns is None:
+        assert recipes is not None
+        columns = compute_columns(table.computed, recipes, surface, path)
     total[rows] = 0.0
     for slot, kinds in enumerate(table.kinds):
         kind_of_hit = kinds[surface.material[rows]]
@@ -145,7 +148,7 @@ def _sum_parts(
 
 def find_radiance(table: MaterialTable, surface: Surface, path: LightPath | None = None) -> Floats:
     """Return what n points of a surface shine with, (n, 3)."""
-    recipes = table.computed.radiance if table.computed else {}
+    recipes = table.computed.radiance if table.computed else None
     return _sum_parts(table, recipes, surface, path, table.radiance, _radiance_of)
 
 
@@ -157,7 +160,7 @@ def find_transparency(
     unstopped : (n,) or one for all, True for light that passes even materials that stop it
     path : how the shadow rays came, for programs that ask
     """
-    recipes = table.computed.transparency if table.computed else {}
+    recipes = table.computed.transparency if table.computed else None
     if table.computed and path is None:
         path = describe_shadow_rays(np.zeros(len(surface)))
     share = _sum_parts(table, recipes, surface, path, table.transparency, _transparency_of)
@@ -178,8 +181,8 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
         normal=sign * surface.shading_normal,
         geometric_normal=sign * surface.geometric_normal,
         outgoing=surface.outgoing,
-        radiance=_sum_parts(table, {}, surface, path, table.radiance, _radiance_of, columns),
-        transparency=_sum_parts(table, {}, surface, path, table.transparency, _transparency_of, columns),
+        radiance=_sum_parts(table, None, surface, path, table.radiance, _radiance_of, columns),
+        transparency=_sum_parts(table, None, surface, path, table.transparency, _transparency_of, columns),
         diffuse=np.zeros((len(surface), 3)),
         lobes=(),
     )

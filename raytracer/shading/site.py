@@ -5,6 +5,7 @@ A Site looks values up only when a node asks for them.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -84,30 +85,43 @@ class Site:
     # Attributes
 
     def attribute_width(self, name: str) -> NDArray[np.int64]:
-        """(n,) numbers per value, 0 where the mesh lacks the attribute."""
-        width = np.zeros(len(self), dtype=np.int64)
-        rows = np.flatnonzero(self.is_triangle)
+        """(n,) numbers per value, 0 where the mesh, or the group of spheres, lacks the attribute."""
+        width, is_triangle = np.zeros(len(self), dtype=np.int64), self.is_triangle
+        rows = np.flatnonzero(is_triangle)
         width[rows] = self.tables.widths[name][self.tables.geometry.instance_mesh[self.surface.instance[rows]]]
+        if name in self.tables.sphere_widths:
+            width[~is_triangle] = self.tables.sphere_widths[name][self._group(~is_triangle)]
         return width
 
+    def _group(self, rows: Any) -> NDArray[np.int64]:
+        """The numbers of the groups that the spheres of some rows are of."""
+        return self.surface.instance[rows] - len(self.tables.geometry.instance_mesh)
+
     def has_attribute(self, name: str) -> Booleans:
-        """(n,) True where the mesh has the attribute."""
+        """(n,) True where the mesh, or the group of spheres, has the attribute."""
         return self.attribute_width(name) > 0
 
     def read_attribute(self, name: str) -> Floats:
         """(n, 4) values as color and alpha: numbers repeat, uvs are (u, v, 0), and alpha is 1 where there is none."""
         values, width = np.zeros((len(self), 4)), self.attribute_width(name)
-        rows = np.flatnonzero(width)
-        if len(rows):
-            surface, table = self.surface, self.tables.attributes[name]
-            assert surface.barycentric is not None
-            mesh = self.tables.geometry.instance_mesh[surface.instance[rows]]
-            read = gather_corners(table, mesh, surface.primitive[rows], surface.barycentric[rows])
+        for rows, read in self._read_kinds(name, width > 0):
             values[rows, : read.shape[1]] = read
-            values[width < 4, 3] = 1.0
-            values[width == 1, 1:3] = values[width == 1, 0:1]
-            values[width == 0] = 0.0
+        values[(width > 0) & (width < 4), 3] = 1.0
+        values[width == 1, 1:3] = values[width == 1, 0:1]
         return values
+
+    def _read_kinds(self, name: str, has: Booleans) -> Iterator[tuple[NDArray[np.intp], Floats]]:
+        """Rows that have an attribute, and its values there: of triangles, then of spheres, which have one each."""
+        surface, tables, is_triangle = self.surface, self.tables, self.is_triangle
+        rows = np.flatnonzero(has & is_triangle)
+        if len(rows):
+            assert surface.barycentric is not None
+            mesh = tables.geometry.instance_mesh[surface.instance[rows]]
+            table = tables.attributes[name]
+            yield rows, gather_corners(table, mesh, surface.primitive[rows], surface.barycentric[rows])
+        rows = np.flatnonzero(has & ~is_triangle)
+        if len(rows):
+            yield rows, tables.sphere_values[name][tables.first_sphere[self._group(rows)] + surface.primitive[rows]]
 
     def read_tangent(self, name: str) -> tuple[Floats, Floats]:
         """(n, 3) the tangent for coordinates `name` in object space, interpolated and so not of unit length, and (n,)

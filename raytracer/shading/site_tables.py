@@ -68,6 +68,9 @@ class SiteTables:
     object_from_world : (i, 4, 4) float64
     attributes : by name, the values at the corners of all meshes
     widths : by name, (meshes,) int64, numbers per value, 0 = the mesh lacks it
+    sphere_widths : by name, (g,) int64, the same of groups of spheres; only what a group has
+    sphere_values : by name, (s, k) the values of all spheres, group by group; only what a group has
+    first_sphere : (g,) int64, the first sphere of each group
     random : (i + g,) float64; color : (i + g, 4); index : (i + g,) int32; instances, then groups of spheres
     properties : by name, (i + g, 4) float64, 0 where there is none
     smooth : (meshes,) bool, True for meshes with normals
@@ -78,6 +81,9 @@ class SiteTables:
     object_from_world: Floats
     attributes: dict[str, CornerTable]
     widths: dict[str, NDArray[np.int64]]
+    sphere_widths: dict[str, NDArray[np.int64]]
+    sphere_values: dict[str, Floats]
+    first_sphere: NDArray[np.int64]
     random: Floats
     color: Floats
     index: NDArray[np.int32]
@@ -106,11 +112,15 @@ def make_site_tables(
         random[:count] = 0.0 if instances.random is None else instances.random
         color[:count] = 1.0 if instances.color is None else instances.color
     widths = {name: _find_widths(scene, name) for name in sorted(names)}
+    sphere_widths = _find_sphere_widths(scene, names)
     return SiteTables(
         surface=surface,
         object_from_world=_invert(geometry.world_from_object),
         attributes={name: _pack(scene, name, int(width.max(initial=1))) for name, width in widths.items()},
         widths=widths,
+        sphere_widths=sphere_widths,
+        sphere_values={name: _pack_spheres(scene, name, int(width.max())) for name, width in sphere_widths.items()},
+        first_sphere=np.cumsum([0, *(len(group.radii) for group in scene.spheres)])[:groups],
         random=random,
         color=color,
         index=index,
@@ -168,12 +178,28 @@ def _find_widths(scene: Scene, name: str) -> NDArray[np.int64]:
     return np.array([0 if value is None else value.shape[-1] for value in values], dtype=np.int64)
 
 
+def _find_sphere_widths(scene: Scene, names: set[str]) -> dict[str, NDArray[np.int64]]:
+    """Numbers per value (g,) of the attributes that some group of spheres has."""
+    found = sorted(names & set[str]().union(*(group.attributes for group in scene.spheres)))
+    values = {name: [group.attributes.get(name) for group in scene.spheres] for name in found}
+    return {name: np.array([0 if one is None else one.shape[-1] for one in of]) for name, of in values.items()}
+
+
 def _pack(scene: Scene, name: str, width: int) -> CornerTable:
     def read(mesh: Any) -> Floats | None:
         values = _values_of(mesh, name)
-        if values is None or values.shape[-1] == width:
-            return values
-        padding = [(0, 0)] * (values.ndim - 1) + [(0, width - values.shape[-1])]
-        return np.pad(values, padding)
+        return None if values is None else _widen(values, width)
 
     return pack_corners(scene, read, width)
+
+
+def _pack_spheres(scene: Scene, name: str, width: int) -> Floats:
+    """The values of all spheres (s, width), 0 in groups without."""
+    tables = [group.attributes.get(name, np.zeros((len(group.radii), width))) for group in scene.spheres]
+    return np.concatenate([_widen(values, width) for values in tables])
+
+
+def _widen(values: Floats, width: int) -> Floats:
+    """Values (..., k) with zeros behind them, (..., width)."""
+    padding = [(0, 0)] * (values.ndim - 1) + [(0, width - values.shape[-1])]
+    return values if values.shape[-1] == width else np.pad(values, padding)

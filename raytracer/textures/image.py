@@ -13,6 +13,7 @@ IEC 61966-2-1: the curve of sRGB.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +85,7 @@ INTERPOLATIONS: dict[str, Callable[[Floats], tuple[Indices, list[Floats]]]] = {
 }
 
 
-def _wrap(index: Indices, size: int, extension: str) -> Indices:
+def _wrap(index: Indices, size: int | Indices, extension: str) -> Indices:
     """Return the pixels (n,) that stand for those outside; CLIP's are wrong, and get no weight."""
     if extension == "REPEAT":
         return index % size
@@ -94,7 +95,9 @@ def _wrap(index: Indices, size: int, extension: str) -> Indices:
     return np.clip(index, 0, size - 1)
 
 
-def _find_taps(coordinate: Floats, size: int, interpolation: str, extension: str) -> list[tuple[Indices, Floats]]:
+def _find_taps(
+    coordinate: Floats, size: int | Indices, interpolation: str, extension: str
+) -> list[tuple[Indices, Floats]]:
     """Return the pixels along one axis, with their weights (n,)."""
     at = np.clip(np.nan_to_num(coordinate), -FARTHEST, FARTHEST) * size
     first, weights = INTERPOLATIONS[interpolation](at)
@@ -117,14 +120,35 @@ def read_image(image: Image, uv: Floats, interpolation: str = "Linear", extensio
     extension : one of EXTENSIONS
     """
     height, width = image.pixels.shape[:2]
+    total = blend_pixels(image.pixels.reshape(-1, 4).__getitem__, height, width, uv, interpolation, extension)
+    return scale_stored(total, image)
+
+
+def blend_pixels(
+    read: Callable[[Indices], NDArray[Any]],
+    height: int | Indices,
+    width: int | Indices,
+    uv: Floats,
+    interpolation: str,
+    extension: str,
+) -> Floats:
+    """Return the weighted sum (n, 4) of the pixels around coordinates (n, 2), in stored numbers.
+
+    read : the pixels (n, 4) with numbers row * width + column (n,)
+    height, width : of the image, or (n,) of each point's
+    """
     rows = _find_taps(uv[:, 1], height, interpolation, extension)
     columns = _find_taps(uv[:, 0], width, interpolation, extension)
-    flat = image.pixels.reshape(-1, 4)
     total = np.zeros((len(uv), 4))
     for row, row_weight in rows:
         for column, column_weight in columns:
-            total += (row_weight * column_weight)[:, np.newaxis] * flat[row * width + column]
-    return total / 255.0 if flat.dtype == np.uint8 else total
+            total += (row_weight * column_weight)[:, np.newaxis] * read(row * width + column)
+    return total
+
+
+def scale_stored(values: Floats, image: Image) -> Floats:
+    """Return stored numbers as those that they stand for: 255 of a byte is 1."""
+    return values / 255.0 if image.pixels.dtype == np.uint8 else values
 
 
 def sample_image(
@@ -137,11 +161,15 @@ def sample_image(
     """Return color and alpha (n, 4) at coordinates (n, 2), scene linear; `unassociate` divides the color by alpha."""
     if isinstance(image, TiledImage):
         return _sample_tiles(image, uv, interpolation, extension, unassociate)
-    values = read_image(image, uv, interpolation, extension)
+    return finish_colors(read_image(image, uv, interpolation, extension), image.encoding, unassociate)
+
+
+def finish_colors(values: Floats, encoding: str, unassociate: bool) -> Floats:
+    """Return interpolated colors (n, 4) scene linear, in place; `unassociate` divides them by alpha."""
     if unassociate:
         alpha = values[:, 3:]
         values[:, :3] /= np.where((alpha != 0) & (alpha != 1), alpha, 1.0)
-    if image.encoding == "srgb":
+    if encoding == "srgb":
         values[:, :3] = decode_srgb(values[:, :3])
     return values
 

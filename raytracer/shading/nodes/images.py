@@ -15,6 +15,7 @@ from raytracer.scene.programs import Image, TiledImage
 from raytracer.shading.nodes.operation import Array, Operation, divide, saturate, spread
 from raytracer.shading.site import Site
 from raytracer.textures.image import map_sphere, sample_image
+from raytracer.textures.image_set import ImageSet, sample_image_set
 
 # What stands for a missing image: one magenta pixel, read as any other, so that it fades where images are clipped.
 MISSING_IMAGE = Image(np.array([[(1.0, 0.0, 1.0, 1.0)]], dtype=np.float32), name="missing")
@@ -34,18 +35,21 @@ def read_texture(
     site: Site,
     vector: Any,
     *,
-    image: Image | TiledImage | None,
+    image: Image | TiledImage | ImageSet | None,
     interpolation: str,
     extension: str,
     projection: str,
     projection_blend: float,
     unassociate: bool,
 ) -> tuple[Array, Array]:
-    """Color and alpha of an image; None is a missing one."""
+    """Color and alpha of an image, or of each material's; None is a missing one."""
     count, shown = len(site), MISSING_IMAGE if image is None else image
 
-    def read(u: Array, v: Array) -> Array:
-        return sample_image(shown, np.stack([u, v], axis=1), interpolation, extension, unassociate)
+    def read(u: Array, v: Array, rows: Any = slice(None)) -> Array:
+        uv, settings = np.stack([u, v], axis=1), (interpolation, extension, unassociate)
+        if isinstance(shown, ImageSet):
+            return sample_image_set(shown, site.surface.material[rows], uv, *settings)
+        return sample_image(shown, uv, *settings)
 
     x, y, z = np.broadcast_to(np.asarray(vector, float), (count, 3)).T
     if projection == "BOX":
@@ -70,7 +74,7 @@ def _read_box(read: Any, point: tuple[Array, Array, Array], normal: Array, blend
     for side, (u, v) in enumerate(sides):
         rows = np.flatnonzero(weights[:, side] > 0)
         if len(rows):
-            values[rows] += weights[rows, side : side + 1] * read(u[rows], v[rows])
+            values[rows] += weights[rows, side : side + 1] * read(u[rows], v[rows], rows)
     return values
 
 

@@ -22,7 +22,8 @@ from addon.viewport.drawing import BAND_PIXELS, Canvas
 from addon.viewport.session import Session, make_target
 from addon.viewport.views import EmptyBorderError, read_view, read_window
 from raytracer.film.camera import locate_on_film
-from raytracer.rendering.progressive import Picture
+from raytracer.rendering.live import Live
+from raytracer.rendering.progressive import Picture, Target
 from tests.addon.viewport.viewport_fixtures import (
     HEIGHT,
     WIDTH,
@@ -299,6 +300,39 @@ def test_session_takes_another_process_for_one_that_ended(watch: Watch) -> None:
     watch.update()
     watch.look()
     np.testing.assert_array_equal(watch.wait(), render_stage())
+
+
+def test_regions_that_draw_share_the_workers(watch: Watch, stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    draw = Live.draw
+
+    def note(live: Live, target: Target, precision: str) -> None:
+        asked.append(target.workers)
+        draw(live, target, precision)
+
+    monkeypatch.setattr(Live, "draw", note)
+    stage.reference_raytracer.workers = 5
+    watch.update()
+    watch.look()
+    watch.wait()
+    other = Watch(stage, monkeypatch)  # the first has finished when the second begins
+    other.update()
+    other.look()
+    other.wait()
+    stage.reference_raytracer.seed = 3
+    bpy.data.objects["Red"].location.y = 4.0
+    for one in (watch, other):
+        one.update()
+    for one in (watch, other):
+        one.look()
+    for one in (watch, other):
+        np.testing.assert_array_equal(one.wait(), render_stage())
+    other.session.close()
+    stage.reference_raytracer.seed = 4
+    watch.look()
+    stage.reference_raytracer.workers = 2  # nothing is drawn anew for that
+    watch.look()
+    assert asked == [5, 5, 2, 2, 5]
 
 
 def test_target_has_the_viewports_samples_and_the_renders_settings(stage: Any) -> None:

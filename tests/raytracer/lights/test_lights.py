@@ -10,7 +10,8 @@ import pytest
 import raytracer
 from raytracer.casting.geometry import pack_geometry
 from raytracer.lights.area_lights import area_spread_factor
-from raytracer.lights.emitters import emitter_density, make_emitters, pick_emitters, sample_picked
+from raytracer.lights.emitter_table import make_emitters
+from raytracer.lights.emitters import emitter_density, pick_emitters, sample_picked
 from raytracer.lights.light_shapes import SMALL_SOLID_ANGLE, rectangle_solid_angle
 from raytracer.lights.lights import evaluate_light, has_extent, sample_light, spot_attenuation
 from raytracer.surfaces.surface import Surface

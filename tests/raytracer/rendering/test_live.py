@@ -11,16 +11,21 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from raytracer import render
 from raytracer.bsdfs import microfacet_albedo
+from raytracer.casting.caster import build
 from raytracer.processes import child
 from raytracer.processes.child import describe_error
-from raytracer.rendering.live import Live, warm_up
-from raytracer.rendering.progressive import Picture, Target
+from raytracer.processes.late_pool import LatePool
+from raytracer.processes.transfer import Sender
+from raytracer.rendering import progressive
+from raytracer.rendering.live import Job, Live, Painter, Report, warm_up
+from raytracer.rendering.progressive import Picture, Target, refine
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import PointLight
 from raytracer.scene.materials import Closure, Material
@@ -35,6 +40,10 @@ TARGET = Target(CAMERA, 48, 32, samples=2, settings=SETTINGS)
 ENDLESS = replace(TARGET, width=200, height=150, samples=2**20)
 # Seconds; a test that waits longer has failed.
 PATIENCE = 120.0
+
+
+# Long enough for others to help, by any pace, and never finished.
+SHARED = replace(ENDLESS, workers=2)
 
 
 def make_scene(z: float = -3.0) -> Scene:
@@ -157,6 +166,91 @@ def test_forget_drops_pictures_and_reports(live: Live) -> None:
 
 
 @pytest.fixture
+def painter(monkeypatch: pytest.MonkeyPatch) -> Iterator[Painter]:
+    """Return a process' painter in this one, to whom every picture is long and helpers come at once."""
+    load = LatePool.load
+
+    def load_and_wait(pool: LatePool, *what: Any) -> None:
+        load(pool, *what)
+        wait_for(lambda: pool._loading is not None and pool._loading.done())
+
+    monkeypatch.setattr(LatePool, "load", load_and_wait)
+    monkeypatch.setattr(progressive, "LONG_SECONDS", 0.0)
+    reports: list[Report] = []
+    one = Painter(reports.append)
+    one.reports = reports  # type: ignore[attr-defined]
+    yield one
+    helpers = one._helpers
+    one.rest()
+    wait_for(lambda: helpers is None or not helpers.process_ids)
+
+
+def paint(painter: Painter, scene: Scene, target: Target) -> Report:
+    painter.take(Sender().pack(scene))
+    painter.paint(Job(1, target, "certified"), lambda: False)
+    last: Report = painter.reports[-1]  # type: ignore[attr-defined]
+    return last
+
+
+def test_the_picture_is_the_same_for_any_number_of_workers(painter: Painter) -> None:
+    target = replace(TARGET, width=90, height=70, samples=4)
+    expected = expect(make_scene(), target)
+    for workers in (1, 2, 3, 2):
+        last = paint(painter, make_scene(), replace(target, workers=workers))
+        assert last.is_finished
+        assert last.picture is not None
+        np.testing.assert_array_equal(last.picture.pixels, expected)
+        if workers > 1:
+            assert len(last.workers) == workers
+
+
+def test_helpers_are_asked_only_where_the_finest_picture_takes_long() -> None:
+    pools: list[LatePool] = []
+
+    def find_helpers(count: int) -> LatePool:
+        pools.append(LatePool(count))
+        return pools[-1]
+
+    rays = TARGET.width * TARGET.height * TARGET.samples
+    scene = make_scene()
+    caster = build(scene)
+    for workers, pace in ((1, 1e-3), (2, 0.0), (2, 1.01 * rays / progressive.LONG_SECONDS)):
+        small = replace(TARGET, workers=workers)  # too few pixels for coarse pictures, which would tell another pace
+        refine(scene, caster, small, lambda picture: None, lambda: False, pace, find_helpers)
+    assert not pools
+    refine(scene, caster, replace(TARGET, workers=2), lambda picture: None, lambda: False, 1.0, find_helpers)
+    assert [len(pool) for pool in pools] == [2]
+    pools[0].close()
+    wait_for(lambda: not pools[0].process_ids)
+
+
+def test_helpers_of_other_processes_are_dropped_with_their_job(live: Live) -> None:
+    live.set_scene(make_scene())
+    live.draw(SHARED, "certified")
+    wait_for(lambda: live.report is not None and len(live.report.workers) == 2)
+    live.set_scene(make_scene(-5.0))
+    live.draw(TARGET, "certified")
+    np.testing.assert_array_equal(wait_for_last(live).pixels, expect(make_scene(-5.0), TARGET))
+    assert not live.is_drawing
+
+
+@pytest.mark.parametrize("end", ["close", "kill", "forget"])
+def test_helpers_end_with_the_process_or_its_work(live: Live, end: str) -> None:
+    live.set_scene(make_scene())
+    live.draw(SHARED, "certified")
+    wait_for(lambda: live.report is not None and len(live.report.workers) == 2)
+    assert live.is_drawing
+    assert live.report is not None
+    helpers = live.report.workers
+    if end == "kill":
+        kill(live.process_id)
+    else:
+        getattr(live, end)()
+    wait_for(lambda: not any(is_running(process) for process in helpers))
+    assert is_running(live.process_id) == (end == "forget")
+
+
+@pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the temporary folder of this process and its children, empty."""
     found = tmp_path / "temporary"
@@ -224,13 +318,15 @@ def test_a_stopped_process_is_noticed_and_nothing_waits_for_it(live: Live, monke
     assert live.report.error.startswith("the render process gave no sign of life for ")
 
 
-def test_the_process_ends_with_its_parent() -> None:
+def test_the_process_and_its_helpers_end_with_its_parent() -> None:
     code = (
         "import os, numpy as np; from raytracer.rendering.live import Live;"
         "from tests.raytracer.rendering.test_live import *;"
-        "live = Live(); live.set_scene(make_scene()); live.draw(ENDLESS, 'certified');"
-        "wait_for(lambda: live.report is not None); print(live.process_id, flush=True); os._exit(1)"
+        "live = Live(); live.set_scene(make_scene()); live.draw(SHARED, 'certified');"
+        "wait_for(lambda: live.report is not None and live.report.workers);"
+        "print(live.process_id, *live.report.workers, flush=True); os._exit(1)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE)
-    process = int(done.stdout)
-    wait_for(lambda: not is_running(process))
+    processes = [int(word) for word in done.stdout.split()]
+    assert len(processes) == 3
+    wait_for(lambda: not any(is_running(process) for process in processes))

@@ -48,7 +48,9 @@ def make_scene() -> raytracer.Scene:
             ),
             raytracer.Mesh(positions * 0.3, triangles, name="Second"),
         ],
-        spheres=raytracer.Spheres(rng.normal(size=(4, 3)) * 2, np.full(4, 0.3), name="Spheres"),
+        spheres=raytracer.Spheres(
+            rng.normal(size=(4, 3)) * 2, np.full(4, 0.3), name="Spheres", attributes={"uv": rng.random((4, 3))}
+        ),
         instances=raytracer.Instances(
             [0, 1],
             np.tile(np.eye(4), (2, 1, 1)),

@@ -100,6 +100,9 @@ def test_what_overflows_folds_to_a_finite_number():
         (lambda: Image(np.zeros((2, 2, 4), np.uint8), "gamma"), "encoding"),
         (lambda: Mesh(*meshes.make_quad(), attributes={"a": np.zeros((3, 1))}), "attribute 'a'"),
         (lambda: Mesh(*meshes.make_quad(), attributes={"a": np.zeros((4, 5))}), "attribute 'a'"),
+        (lambda: Spheres([(0, 0, 0)], [1], attributes={"a": np.zeros((2, 1))}), "Spheres: attribute 'a'"),
+        (lambda: Spheres([(0, 0, 0)], [1], attributes={"a": np.zeros((1, 3, 1))}), "Spheres: attribute 'a'"),
+        (lambda: Spheres([(0, 0, 0)], [1], attributes=3), "Spheres: attributes"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_name(make, message):
@@ -229,6 +232,20 @@ def test_property_of_an_instance_is_split_and_0_on_those_that_lack_it(output, wa
 def add_colors(first, second):
     inputs = (Register(first, "Color"), Register(second, "Color"), np.zeros(3), 1.0)
     return Step("VECT_MATH Vector", inputs, {"operation": "ADD"})
+
+
+def test_each_sphere_of_each_group_has_its_own_value_of_an_attribute():
+    centres = np.array([(0, 0, 0), (3, 0, 0), (6, 0, 0), (9, 0, 0), (12, 0, 0)], dtype=float)
+    groups = [
+        Spheres(centres[:2], [1, 1], attributes={"a": [(0.25,), (0.5,)]}),
+        Spheres(centres[2:3], [1]),
+        Spheres(centres[3:], [1, 1], attributes={"a": [(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)], "b": np.ones((2, 1))}),
+    ]
+    shown = [shine([read("a")], Register(0, "Vector"))]
+    scene = Scene([quad(attributes={"a": np.full((4, 1), 0.75)})], spheres=groups, materials=shown)
+    seen = see(scene, [*centres[:, :2], (0.0, 0.0)])["Combined"][:5, :3]
+    wanted = [(0.25,) * 3, (0.5,) * 3, (0,) * 3, (0.1, 0.2, 0.3), (0.4, 0.5, 0.6)]
+    np.testing.assert_allclose(seen, wanted, atol=1e-12)
 
 
 def test_spheres_have_position_and_normal_but_no_attributes():
