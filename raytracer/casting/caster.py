@@ -29,6 +29,7 @@ from raytracer.casting.pencil.pencil import Pencil, Rows, View, find_pencil, mak
 from raytracer.casting.pencil.pixel_grid import find_pixel_grid
 from raytracer.casting.pencil.projection import Projection, project
 from raytracer.casting.pencil.rasterize import offer_projected
+from raytracer.casting.planes import LARGEST_SIZE
 from raytracer.casting.primitives import Primitives, make_primitives
 from raytracer.casting.query import Query
 from raytracer.casting.questions import Questions
@@ -189,10 +190,10 @@ class Caster(Questions):
     def _plan(self, rays: Rays, any_hit: bool) -> Iterator[tuple[Rows, Offer]]:
         """Yield batches of rays and what offers a query of theirs all candidates."""
         pencil = self._find_pencil(rays, any_hit)
-        if pencil is not None:
-            reach = np.abs(self.primitives.bounds - pencil.centre).max()
+        exponent = 0 if pencil is None else self._find_reach(pencil)
+        if pencil is not None and abs(exponent) < LARGEST_SIZE:
             # A power of two by which the scene and the pencil come to a size of about one.
-            scale = float(np.ldexp(1.0, -int(np.frexp(reach)[1])))
+            scale = float(np.ldexp(1.0, -exponent))
             if self.drawn is not None and pencil.leaving:
                 grid = find_pixel_grid(rays, scale)
                 if grid is not None:
@@ -220,6 +221,10 @@ class Caster(Questions):
         # These are quicker with rays that arrive at a point, and with parallel ones that anything ends; the matrix form
         # with all but those that leave a point and ask for the closest.
         return None if few and any_hit else find_pencil(rays, parallel=not (few or any_hit), arriving=False)
+
+    def _find_reach(self, pencil: Pencil) -> int:
+        """How far the scene reaches from the pencil's center, as a power of two."""
+        return int(np.frexp(np.abs(self.primitives.bounds - pencil.centre).max())[1])
 
     def _plan_view(self, view: View) -> Iterator[tuple[Rows, Offer]]:
         if self.drawn is not None and view.pencil.leaving:

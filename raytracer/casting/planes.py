@@ -15,15 +15,17 @@ from typing import NamedTuple
 import numpy as np
 
 from raytracer.arrays.types import Booleans, Floats, Indices
-from raytracer.casting.framed import FramedRays, times_power
+from raytracer.casting.framed import FramedRays, largest_row, times_power
 from raytracer.casting.geometry import Ids
+from raytracer.casting.primitives import name_rows
 from raytracer.casting.query import Query
 from raytracer.predicates.double_double import cross as cross_pairs
 from raytracer.predicates.double_double import two_difference
 from raytracer.predicates.filtered import cross
 from raytracer.predicates.rounding import UNIT_ROUNDOFF
 
-# Rows of 64 bytes: normal, corner, bound, share of the query's bound; origin, direction, nothing, start of range.
+# Rows of 64 bytes: normal, corner, bound, share of the query's bound or bound per move; origin, direction, bound, start
+# of range.
 PLANE_COLUMNS = LINE_COLUMNS = 8
 # Normals that are off by so many u are computed in pairs where their triangle is of the size of the scene, or by as
 # many more as it is smaller: nearer to its plane than that a ray may start.
@@ -32,6 +34,13 @@ MOST_WIDENED = 1.0
 ROUNDINGS, PAIRS_ROUNDINGS = 9.0, 25.0
 # Normals below this may have lost terms that underflow; what underflows elsewhere is off by much less than this.
 SMALLEST_NORMAL, LEAST_BOUND = 2.0**-900, 2.0**-1000
+# Rays with directions longer than this, or shorter than its inverse, are left to `query`: what is certain here may be
+# in doubt there, where products of lengths leave the range of pairs of float64, and is then measured in integers.
+LONGEST = 2.0**100
+# So are scenes that are larger than this power of two, or smaller than its inverse.
+LARGEST_SIZE = 200
+# Corners that may be moved by more than this are not measured: nothing is known of their lines.
+MOST_MOVED = 2.0**-20
 # Pairs measured at a time: what they need fits the cache.
 PAIR_BLOCK = 2048
 # Candidates offered at a time.
@@ -51,11 +60,8 @@ def make_planes(corners: Floats, exponent: int) -> Floats:
     where e stands here, and its bound holds as much again. With D above 6 e_q, for else it is not certain, its room is
     half of D at least: its interval lies within t +- (1 + 4 e_q / e) times the bound.
     """
-    planes = np.zeros((corners.shape[2], PLANE_COLUMNS))
     with np.errstate(all="ignore"):
-        planes[:, 3:6] = times_power(corners[0].T, exponent)
-        sides = times_power(corners[1:] - corners[0], exponent)
-        normal, extent = cross(*sides), np.abs(sides).max(axis=(0, 1))
+        normal, extent = _cross_sides(corners, exponent)
         size = np.abs(normal).max(axis=0)
         error = ROUNDINGS * extent * extent / size
         wide = np.flatnonzero((error * extent > MOST_WIDENED) & (size > SMALLEST_NORMAL))
@@ -63,10 +69,35 @@ def make_planes(corners: Floats, exponent: int) -> Floats:
             normal[:, wide] = cross_sides(corners.take(wide, axis=2), exponent)
             size[wide] = np.abs(normal[:, wide]).max(axis=0)
             error[wide] = PAIRS_ROUNDINGS * UNIT_ROUNDOFF * extent[wide] ** 2 / size[wide]
-        error[~(size > SMALLEST_NORMAL)] = np.inf
-        planes[:, :3] = (normal / size).T
-        planes[:, 6] = UNIT_ROUNDOFF * (error + 8)
-        planes[:, 7] = 1 + 4 * (24 * extent * extent / size + 16) / (error + 8)
+        share = 1 + 4 * (24 * extent * extent / size + 16) / (error + 8)
+        return _pack_planes(corners, exponent, normal / size, np.where(size > SMALLEST_NORMAL, error, np.inf), share)
+
+
+def make_moved_planes(corners: Floats, exponent: int) -> Floats:
+    """As `make_planes`, of object corners that may be moved by up to MOST_MOVED, as those of instances are
+    (`dense.instances`), with f in the place of the last number.
+
+    A corner that is moved by w moves a side by 2 w and a component of N by 8 w s + 8 w^2, so by at most 6 f w with
+    f = 9/6 (s + MOST_MOVED). Beside that pairs would gain nothing: w is 32 u at least.
+    """
+    with np.errstate(all="ignore"):
+        normal, extent = _cross_sides(corners, exponent)
+        size = np.abs(normal).max(axis=0)
+        error = np.where(size > SMALLEST_NORMAL, ROUNDINGS * extent * extent / size, np.inf)
+        return _pack_planes(corners, exponent, normal / size, error, 1.5 * (extent + MOST_MOVED) / size)
+
+
+def _cross_sides(corners: Floats, exponent: int) -> tuple[Floats, Floats]:
+    """N (3, t) in float64, and s (t,), the largest component of the sides at the first corner."""
+    sides = times_power(corners[1:] - corners[0], exponent)
+    return cross(*sides), np.abs(sides).max(axis=(0, 1))
+
+
+def _pack_planes(corners: Floats, exponent: int, normal: Floats, error: Floats, last: Floats) -> Floats:
+    planes = np.empty((corners.shape[2], PLANE_COLUMNS))
+    planes[:, :3], planes[:, 3:6] = normal.T, times_power(corners[0].T, exponent)
+    known = abs(exponent) < LARGEST_SIZE
+    planes[:, 6], planes[:, 7] = UNIT_ROUNDOFF * (error + 8) if known else np.inf, last
     return planes
 
 
@@ -76,10 +107,11 @@ def cross_sides(corners: Floats, exponent: int) -> Floats:
     return cross_pairs(*((times_power(high, exponent), times_power(low, exponent)) for high, low in (b, c)))[0]
 
 
-def make_lines(place: Floats, direction: Floats, start: Floats | float) -> Floats:
-    """(n, 8) rows of rays o + t d, t >= start, (3, n) planes and (n,), see `FramedRays`, |d| <= 1."""
+def make_lines(place: Floats, direction: Floats, start: Floats | float, moved: Floats | float = 0.0) -> Floats:
+    """(n, 8) rows of rays o + t d, t >= start, (3, n) planes and (n,), see `FramedRays`, |d| <= 1: the seventh number
+    is LEAST_BOUND + 6 w, see `meet_planes`, where the line, and corners, may be `moved` by w."""
     lines = np.empty((place.shape[1], LINE_COLUMNS))
-    lines[:, :3], lines[:, 3:6], lines[:, 6], lines[:, 7] = place.T, direction.T, LEAST_BOUND, start
+    lines[:, :3], lines[:, 3:6], lines[:, 6], lines[:, 7] = place.T, direction.T, LEAST_BOUND + 6 * moved, start
     return lines
 
 
@@ -91,7 +123,21 @@ def meet_planes(planes: Floats, lines: Floats) -> tuple[Floats, Floats]:
     3 e, as |d| <= 1; and the quotient by (e_T + |t| e_D) / (|D| - e_D) + u |t|. As e >= 8 u, a fourth e pays for the
     quotient and for adding the bound to it.
     """
-    normal, error = planes[:3], planes[6]
+    return _meet(planes, lines, planes[6])
+
+
+def meet_moved_planes(planes: Floats, lines: Floats) -> tuple[Floats, Floats]:
+    """As `meet_planes`, of `make_moved_planes`.
+
+    In the frame of an instance (`dense.instances`) corners and, where the plane is met, the line may be moved by w in
+    all: T by 3 w |N|, which 6 w covers as long as e < 1, for with more there is no room; and N by f 6 w, which counts
+    as e does.
+    """
+    return _meet(planes, lines, planes[6] + planes[7] * lines[6])
+
+
+def _meet(planes: Floats, lines: Floats, error: Floats) -> tuple[Floats, Floats]:
+    normal = planes[:3]
     way = planes[3:6] - lines[:3]
     product = lines[3:6] * normal
     denominator = product[0] + product[1]
@@ -119,12 +165,46 @@ class Measured(NamedTuple):
     """Candidates with the interval of their distance, in the frame, and whether they are certainly hit in range."""
 
     ray: Indices
-    triangle: Ids
+    primitive_id: Ids
     low: Floats
     certain: Booleans
 
     def select(self, index: Indices) -> Measured:
-        return Measured(self.ray.take(index), self.triangle.take(index), self.low.take(index), self.certain.take(index))
+        return Measured(
+            self.ray.take(index), self.primitive_id.take(index), self.low.take(index), self.certain.take(index)
+        )
+
+
+class Lanes(NamedTuple):
+    """k rays in the frames of instances that they enter.
+
+    ray : (k,) of the query; lines : (k, 8), see `make_lines`
+    unit : (k,) float64, a power of two: t in the frame is `unit` times that of the ray's line in `PlaneDecisions`
+    id_shift : (k,) int64, add to a row of planes to get the primitive id
+    share : (k,) how many times as wide as the one here the query's own bound may be
+    """
+
+    ray: Indices
+    lines: Floats
+    unit: Floats
+    id_shift: Ids
+    share: Floats
+
+
+class Meetings(NamedTuple):
+    """k candidates and where their rays meet their planes, in the world's frame.
+
+    inside : (k,) bool, the line certainly meets the triangle's inner; start : (k,) of the ray's range
+    t, bound : (k,) see `meet_planes`; share : (k,) how many times as wide the query's own bound may be
+    """
+
+    ray: Indices
+    primitive_id: Ids
+    inside: Booleans
+    start: Floats
+    t: Floats
+    bound: Floats
+    share: Floats
 
 
 class PlaneDecisions:
@@ -150,51 +230,74 @@ class PlaneDecisions:
         """
         query, unit = self.query, rays.unit
         self.lines[rows] = make_lines(rays.place, rays.direction, query.t_min[rows] * unit)
+        length = largest_row(np.abs(query.rays.directions[rows].T))
+        if len(length) and not (length.min() > 1 / LONGEST and length.max() < LONGEST):
+            self.lines[rows, 6] += np.where((length > 1 / LONGEST) & (length < LONGEST), 0.0, np.inf)
         np.multiply(query.rays.t_max[rows], unit, out=self.t_max[rows])
         np.multiply(query.best[rows], unit, out=self.best[rows])
         if self.begun is not None:
             np.multiply(query.surely_begun[rows], unit, out=self.begun[rows])
         np.copyto(self.best[rows], np.inf, where=np.isnan(self.best[rows]))
 
-    def take_in(self, ray: Indices, triangle: Indices, inside: Booleans) -> Indices:
-        """Measure candidates, of which `inside` says where the line certainly meets the triangle's inner; return the
-        rays whose `best` may have changed."""
+    def take_in(self, ray: Indices, row: Indices, inside: Booleans) -> Indices:
+        """Measure candidates, given by rows of `planes`, of which `inside` says where the line certainly meets the
+        triangle's inner; return the rays whose `best` may have changed."""
         if not self.query.narrows:
-            self.pool.append(Measured(ray, triangle, np.zeros(len(ray)), np.zeros(len(ray), bool)))
+            self.pool.append(Measured(ray, self._name(row), np.zeros(len(ray)), np.zeros(len(ray), bool)))
             return ray[:0]
-        parts = []
-        for start in range(0, len(ray), PAIR_BLOCK):
-            part = slice(start, start + PAIR_BLOCK)
-            parts.append(self._measure(ray[part], triangle[part], inside[part]))
+        return self._take_in([self._measure(ray[part], row[part], inside[part]) for part in _cut(len(ray))])
+
+    def take_in_lanes(self, lanes: Lanes, planes: Floats, lane: Indices, row: Indices, inside: Booleans) -> Indices:
+        """As `take_in`, of candidates in the frames of instances."""
+        parts = _cut(len(lane))
+        return self._take_in([self._measure_lanes(lanes, planes, lane[p], row[p], inside[p]) for p in parts])
+
+    def _name(self, row: Indices) -> Ids:
+        return name_rows(self.query.primitives, row)
+
+    def _measure(self, ray: Indices, row: Indices, inside: Booleans) -> tuple:
+        lines = np.ascontiguousarray(self.lines.take(ray, axis=0).T)
+        planes = np.ascontiguousarray(self.planes.take(row, axis=0).T)
+        t, bound = meet_planes(planes, lines)
+        return self._judge(Meetings(ray, self._name(row), inside, lines[7], t, bound, planes[7]))
+
+    def _measure_lanes(self, lanes: Lanes, planes: Floats, lane: Indices, row: Indices, inside: Booleans) -> tuple:
+        lines = np.ascontiguousarray(lanes.lines.take(lane, axis=0).T)
+        t, bound = meet_moved_planes(np.ascontiguousarray(planes.take(row, axis=0).T), lines)
+        shrink = 1 / lanes.unit.take(lane)
+        ray, named = lanes.ray.take(lane), row + lanes.id_shift.take(lane)
+        start, share = lines[7] * shrink, lanes.share.take(lane)
+        return self._judge(Meetings(ray, named, inside, start, t * shrink, bound * shrink, share))
+
+    def _judge(self, pairs: Meetings) -> tuple:
+        """The columns of Measured and the upper end of the interval, of those that may be in range."""
+        ray, t, bound = pairs.ray, pairs.t, pairs.bound
+        # What the query would leave in doubt is left to it: hits found in doubt are measured otherwise.
+        slack = bound if self.query.any_hit else bound * pairs.share
+        inside = pairs.inside & (t - slack >= (pairs.start if self.begun is None else self.begun.take(ray)))
+        inside &= t + slack <= self.t_max.take(ray)
+        low, high = t - bound, t + bound
+        # NaN is neither before nor behind.
+        possible = np.flatnonzero(~((high < pairs.start) | (low > self.best.take(ray))))
+        ray, low, high = ray.take(possible), low.take(possible), high.take(possible)
+        return ray, pairs.primitive_id.take(possible), low, inside.take(possible), high
+
+    def _take_in(self, parts: list[tuple]) -> Indices:
+        """Pool what `_judge` left, and lower `best`."""
         if not parts:
-            return ray
+            return np.zeros(0, np.intp)
         low_high = [np.concatenate(column) for column in zip(*parts, strict=True)]
         measured, high = Measured(*low_high[:4]), low_high[4]
         certain = np.flatnonzero(measured.certain)
         changed = measured.ray.take(certain)
         if self.query.any_hit:
-            self.query.settle(changed, measured.triangle.take(certain))
+            self.query.settle(changed, measured.primitive_id.take(certain))
             self.best[changed] = -np.inf
             measured = measured.select(np.flatnonzero(self.best.take(measured.ray) > -np.inf))
         else:
             np.minimum.at(self.best, changed, high.take(certain))
         self.pool.append(measured)
         return changed
-
-    def _measure(self, ray: Indices, triangle: Indices, inside: Booleans) -> tuple:
-        """The columns of Measured and the upper end of the interval, of those that may be in range."""
-        planes = np.ascontiguousarray(self.planes.take(triangle, axis=0).T)
-        lines = np.ascontiguousarray(self.lines.take(ray, axis=0).T)
-        t, bound = meet_planes(planes, lines)
-        # What the query would leave in doubt is left to it: hits found in doubt are measured otherwise.
-        slack = bound if self.query.any_hit else bound * planes[7]
-        inside = inside & (t - slack >= (lines[7] if self.begun is None else self.begun.take(ray)))
-        inside &= t + slack <= self.t_max.take(ray)
-        low, high = t - bound, np.add(t, bound, out=t)
-        # NaN is neither before nor behind.
-        possible = np.flatnonzero(~((high < lines[7]) | (low > self.best.take(ray))))
-        ray, low, high = ray.take(possible), low.take(possible), high.take(possible)
-        return ray, triangle.take(possible), low, inside.take(possible), high
 
     def finish(self, settles: bool = True) -> None:
         """Settle certain candidates that are their rays' only ones, unless there are others that are not here
@@ -207,8 +310,12 @@ class PlaneDecisions:
         if not self.query.any_hit and settles:
             alone = np.bincount(left.ray, minlength=len(self.best)).take(left.ray) == 1
             clear = left.select(np.flatnonzero(left.certain & alone))
-            self.query.settle(clear.ray, clear.triangle)
+            self.query.settle(clear.ray, clear.primitive_id)
             left = left.select(np.flatnonzero(~(left.certain & alone)))
         for start in range(0, len(left.ray), OFFER_PAIRS):
             part = slice(start, start + OFFER_PAIRS)
-            self.query.offer(left.ray[part], left.triangle[part])
+            self.query.offer(left.ray[part], left.primitive_id[part])
+
+
+def _cut(count: int) -> list[slice]:
+    return [slice(start, start + PAIR_BLOCK) for start in range(0, count, PAIR_BLOCK)]

@@ -64,19 +64,23 @@ def extremes(points: NDArray) -> NDArray:
 
 
 def instance_bounds(geometry: Geometry, instances: NDArray) -> Floats:
-    """Return world boxes (k, 2, 3) that hold every rounded world corner of the given instances.
-
-    The box of an affine image: centre M c, half size |M| h. Six roundings each at most (Higham's gamma), relative to
-    |M| (|c| + h) + |translation|, are added.
-    """
+    """Return world boxes (k, 2, 3) that hold every rounded world corner of the given instances."""
     boxes = np.zeros((len(geometry.mesh_first), 2, 3))
     for mesh in np.unique(geometry.instance_mesh[instances]):
         first, count = geometry.mesh_first[mesh], geometry.mesh_count[mesh]
         if count:
             used = geometry.positions[geometry.triangles[first : first + count].ravel()]
             boxes[mesh] = extremes(used)
-    box = boxes[geometry.instance_mesh[instances]]  # (k, 2, 3)
-    matrix = geometry.world_from_object[instances]
+    return bound_images(geometry.world_from_object[instances], boxes[geometry.instance_mesh[instances]])
+
+
+def bound_images(matrix: Floats, box: Floats) -> Floats:
+    """Return boxes (k, 2, 3) that hold all points of given boxes (k, 2, 3), transformed by matrices (k, 4, 4) and
+    rounded.
+
+    The box of an affine image: centre M c, half size |M| h. Six roundings each at most (Higham's gamma), relative to
+    |M| (|c| + h) + |translation|, are added.
+    """
     linear, translation = matrix[:, :3, :3], matrix[:, :3, 3]
     centre, half = box.mean(axis=1), (box[:, 1] - box[:, 0]) / 2
     middle = np.einsum("kij,kj->ki", linear, centre) + translation

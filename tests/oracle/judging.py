@@ -14,21 +14,19 @@ import raytracer
 from raytracer.casting.brute_force import offer_all
 from raytracer.casting.bvh.hierarchy import build_hierarchy
 from raytracer.casting.bvh.traverse import offer_traversed
-from raytracer.casting.dense.offer import suits_dense
-from raytracer.casting.dense.tree import build_dense_tree
-from raytracer.casting.dense.walk import offer_dense
+from raytracer.casting.dense.offer import build_scene, offer_dense, suits_dense
 from raytracer.casting.matrix_form import MatrixForm
 from tests.oracle.exact_numbers import is_within
 from tests.oracle.exact_oracle import pack_scene
 
 
 def make_dense(primitives):
-    """The dense tree where it can be used, else the four-wide one, which also counts crossings."""
+    """Dense trees where they can be used, else the four-wide one, which also counts crossings."""
     traversed = partial(offer_traversed, build_hierarchy(primitives))
     if not suits_dense(primitives):
         return traversed
-    tree = build_dense_tree(primitives.corners, primitives.bounds)
-    return lambda query: offer_dense(tree, query) if query.narrows else traversed(query)
+    scene = build_scene(primitives)
+    return lambda query: offer_dense(scene, query) if query.narrows else traversed(query)
 
 
 ACCELERATORS = {

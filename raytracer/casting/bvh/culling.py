@@ -39,6 +39,8 @@ RECIPROCAL_CAP = 2.0**60
 UNKNOWN = 2.0**100
 # Origins farther than this many scene sizes are first moved along the ray to the scene's box.
 FAR = 4.0
+# They are moved to a box that is larger than the scene's by more than any pad.
+BEFORE = 1 + 2.0**-10
 # A start below this could lose bits to underflow.
 SMALLEST_START = 2.0**-900
 # Columns of a row: origin + pad, origin - pad, reciprocal, unit direction, tolerance, t_row per unit of the latter.
@@ -80,7 +82,7 @@ def prepare_rays(frame: Frame, origins: Floats, directions: Floats) -> CullingRa
         distance = largest_component(origin)[:, 0]
         way = np.zeros(len(origins))
         far = np.flatnonzero(distance > FAR)
-        way[far] = way_to_box(origin[far], direction[far])
+        way[far] = way_to_box(origin[far].T, direction[far].T)
         start = np.ldexp(way, -exponent)
         movable = (start > SMALLEST_START) & np.isfinite(start)
         way, start = np.where(movable, way, 0.0), np.where(movable, start, 0.0)
@@ -98,10 +100,12 @@ def largest_component(vectors: Floats) -> Floats:
 
 
 def way_to_box(origin: Floats, direction: Floats) -> Floats:
-    """(n,) a t at which rays from afar are just before the box [-1, 1]^3; 0 where they pass it or lead away."""
+    """(n,) a t at which rays from afar, (3, n) planes, are before the box [-1, 1]^3; 0 where they pass or leave it."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        entry = np.minimum((-1 - origin) / direction, (1 - origin) / direction)
-        way = np.nanmax(np.where(direction != 0, entry, -np.inf), axis=1)
+        # The side that comes first; a direction of zero comes to no side: infinity of either sign, or NaN.
+        entry = (np.copysign(BEFORE, -direction) - origin) / direction
+        np.copyto(entry, -np.inf, where=direction == 0)
+        way = np.fmax(np.fmax(entry[0], entry[1]), entry[2])
     return np.where(np.isfinite(way) & (way > 0), way, 0.0)
 
 

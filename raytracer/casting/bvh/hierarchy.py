@@ -66,7 +66,7 @@ def choose_flattened(geometry: Geometry) -> Booleans:
         frame = make_frame(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
         exponents = np.zeros(len(geometry.mesh_first), np.int32)
         for mesh in np.unique(geometry.instance_mesh[shared]):
-            exponents[mesh] = _mesh_frame(_mesh_corners(geometry, mesh)).exponent
+            exponents[mesh] = mesh_frame(mesh_corners(geometry, mesh)).exponent
         matrices = geometry.world_from_object[shared]
         flattened[shared] = ~can_be_placed(matrices, exponents[geometry.instance_mesh[shared]], frame.exponent)
     return flattened
@@ -146,13 +146,13 @@ def _sphere_boxes(geometry: Geometry) -> Floats:
     return np.stack([low, np.nextafter(geometry.centres + radii, np.inf)], axis=1)
 
 
-def _mesh_corners(geometry: Geometry, mesh: int) -> Floats:
+def mesh_corners(geometry: Geometry, mesh: int) -> Floats:
     """Object-space corners (t, 9) of a mesh's triangles."""
     first, count = geometry.mesh_first[mesh], geometry.mesh_count[mesh]
     return geometry.positions[geometry.triangles[first : first + count]].reshape(-1, 9)
 
 
-def _mesh_frame(corners: Floats) -> Frame:
+def mesh_frame(corners: Floats) -> Frame:
     return make_frame(*extremes(corners.reshape(-1, 3)))
 
 
@@ -164,8 +164,8 @@ def _build_meshes(table: Table, geometry: Geometry, shared: NDArray) -> PlacedTr
     first_row = geometry.mesh_first[geometry.instance_mesh]
     for row in np.unique(first_row[shared]):
         users = shared[first_row[shared] == row]
-        corners = _mesh_corners(geometry, int(geometry.instance_mesh[users[0]]))
-        frame = _mesh_frame(corners)
+        corners = mesh_corners(geometry, int(geometry.instance_mesh[users[0]]))
+        frame = mesh_frame(corners)
         root[users] = table.append(("mesh", int(row)), TreeInput(frame, corners, NO_BOUNDS), np.arange(len(corners)))
         centre[users], exponent[users] = frame.centre, frame.exponent
         largest[users] = np.abs(corners.reshape(-1, 3)).max(axis=0)

@@ -20,6 +20,16 @@ Origins farther away than FAR are moved along the ray to the scene's box first (
 gamma64(8) (1 + |o| + way). The way itself has two roundings, so a start lies behind the box by 3/8 of that at most.
 Where the error is more than MOVED, beyond some 10^8 sizes of the scene, every box is entered. A ray that is far away
 still passes the scene for certain.
+
+In the frame of an instance (`instances`) corners may be moved by w, the ray's line, near the mesh, by w, and its
+direction by w / 2. Where the line meets the triangle in P, no corner is farther from P than s in any component, and the
+edge function d . ((p - P) x (q - P)) changes by at most
+
+    12 w s + 6 w^2    by corners: d . (w x (q - P) + (p - P) x w + w x w), three components of two products each
+    12 w s            by the line and by the direction, 6 w s each
+
+so by 24 w + 6 w^2 / c < 29 w per unit of s + c, as w <= MOVED and c = SMALLEST_MOVED_ROWS is added to the size s of
+those rows. PLACED_SHARE w is added to the tolerance.
 """
 
 from __future__ import annotations
@@ -40,6 +50,9 @@ from raytracer.predicates.rounding import gamma
 EDGE_ROUNDING = 24.2 * FLOAT32_ROUNDOFF
 ORIGIN_SHARE = 3.0
 MOVED = 12 * FLOAT32_ROUNDOFF
+# Added to the size of the rows of triangles that are moved, and what a move then costs.
+SMALLEST_MOVED_ROWS = 2.0**-20
+PLACED_SHARE = 30.0
 # Rays prepared together: what they need fits the cache.
 BLOCK = 1 << 12
 # Rows of 32 bytes are gathered at twice the speed of others.
@@ -61,39 +74,44 @@ class DenseRays(NamedTuple):
     way: Floats
 
 
+def empty_rays(count: int) -> DenseRays:
+    """So many rays that are yet to be filled in."""
+    slabs, lines = np.empty((count + 1, SLAB_COLUMNS), np.float32), np.empty((count + 1, EDGE_COLUMNS), np.float32)
+    slabs[count], lines[count] = ENTERS_NOTHING, np.nan
+    return DenseRays(slabs, lines, np.zeros(count))
+
+
 def prepare_rays(frame: Frame, decisions: PlaneDecisions) -> DenseRays:
     """Prepare the rays of a query, also for the decisions."""
     rays = decisions.query.rays
     count = len(rays)
-    prepared = DenseRays(
-        np.empty((count + 1, SLAB_COLUMNS), np.float32),
-        np.empty((count + 1, EDGE_COLUMNS), np.float32),
-        np.zeros(count),
-    )
-    prepared.slabs[count], prepared.lines[count] = ENTERS_NOTHING, np.nan
+    prepared = empty_rays(count)
     for start in range(0, count, BLOCK):
         rows = slice(start, min(start + BLOCK, count))
         framed = frame_rays(frame, rays.origins[rows], rays.directions[rows])
         decisions.set_rays(rows, framed)
-        _fill(DenseRays(prepared.slabs[rows], prepared.lines[rows], prepared.way[rows]), framed)
+        fill_rows(DenseRays(prepared.slabs[rows], prepared.lines[rows], prepared.way[rows]), framed)
     return prepared
 
 
-def _fill(rows: DenseRays, rays: FramedRays) -> None:
+def fill_rows(rows: DenseRays, rays: FramedRays, moved: Floats | float = 0.0) -> None:
+    """Fill the rows of rays whose lines, and the triangles' corners, are `moved` by so much at most (`instances`)."""
     origin, direction = rays.origin, rays.direction
     distance = largest_row(np.abs(origin))
-    error = gamma(8) * (1 + distance)
+    error = gamma(8) * (1 + distance) + moved
     far = np.flatnonzero(~(distance <= FAR))
     if len(far):
+        some_origin, some_direction = origin.take(far, axis=1), direction.take(far, axis=1)
+        way = way_to_box(some_origin, some_direction)
+        some_origin += way * some_direction
         origin = origin.copy()
-        way = way_to_box(origin[:, far].T, direction[:, far].T)
-        origin[:, far] += way * direction[:, far]
+        origin[:, far] = some_origin
         rows.way[far] = way
-        error[far] = gamma(8) * (1 + distance[far] + way)
+        error[far] += gamma(8) * way
     _fill_slabs(rows.slabs, origin, direction)
-    _fill_lines(rows.lines, origin, direction, error)
-    unknown = far[~(error[far] <= MOVED)]
-    passing = far[(largest_row(np.abs(origin[:, far])) > FAR) & (error[far] <= MOVED)]
+    _fill_lines(rows.lines, origin, direction, error, moved)
+    unknown = np.flatnonzero(~(error <= MOVED))
+    passing = far[(largest_row(np.abs(origin.take(far, axis=1))) > FAR) & (error.take(far) <= MOVED)]
     rows.slabs[unknown], rows.way[unknown] = ENTERS_EVERYTHING, -np.inf
     rows.slabs[passing], rows.lines[passing] = ENTERS_NOTHING, np.nan
 
@@ -107,9 +125,11 @@ def _fill_slabs(slabs: NDArray[np.float32], origin: Floats, direction: Floats) -
     slabs[:, 2::3] = (-origin * inverse).T
 
 
-def _fill_lines(lines: NDArray[np.float32], origin: Floats, direction: Floats, error: Floats) -> None:
+def _fill_lines(
+    lines: NDArray[np.float32], origin: Floats, direction: Floats, error: Floats, moved: Floats | float
+) -> None:
     moment = cross(origin, direction)
-    tolerance = EDGE_ROUNDING * (1 + largest_row(np.abs(moment))) + ORIGIN_SHARE * error
+    tolerance = EDGE_ROUNDING * (1 + largest_row(np.abs(moment))) + ORIGIN_SHARE * error + PLACED_SHARE * moved
     scale = 1 / tolerance
     lines[:, :3], lines[:, 3:6] = (direction * scale).T, (moment * scale).T
     # Nothing is known of what overflows.

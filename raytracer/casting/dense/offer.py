@@ -7,14 +7,21 @@ it is built in a third of the time. It also serves what no hit narrows (`crossin
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from raytracer.casting.bvh.tree import Frame, make_frame
+from raytracer.casting.dense.instances import Instances, build_instances
+from raytracer.casting.dense.lines import prepare_rays, to_bounds
 from raytracer.casting.dense.tree import MOST_TRIANGLES, DenseTree, build_dense_tree, pack_dense_tree
-from raytracer.casting.dense.walk import offer_dense
+from raytracer.casting.dense.walk import walk_world
+from raytracer.casting.dense.walk_instances import InstanceWalk
+from raytracer.casting.planes import PLANE_COLUMNS, PlaneDecisions
 from raytracer.casting.primitives import Primitives
 from raytracer.casting.query import Query
 
+NO_PLANES = np.zeros((0, PLANE_COLUMNS))
 # Rays for which the dense tree is built.
 SMALLEST_BATCH = 4096
 # How much more surface the blocks of moved triangles may have, as a share of the scene's, before they are chosen anew.
@@ -22,49 +29,85 @@ MOST_GROWTH = 1.25
 
 
 def suits_dense(primitives: Primitives) -> bool:
-    """True where there are only triangles, all with world corners, and rays that are decided exactly."""
+    """True where there are only triangles, not too many of them, and rays that are decided exactly."""
+    geometry = primitives.geometry
+    shared = np.unique(geometry.instance_mesh[~primitives.flattened])
     return (
         primitives.precision == "certified"
-        and bool(primitives.flattened.all())
-        and not len(primitives.geometry.radii)
-        and 0 < len(primitives.corners) <= MOST_TRIANGLES
+        and not len(geometry.radii)
+        and geometry.sphere_id > 0
+        and len(primitives.corners) <= MOST_TRIANGLES
+        and int(geometry.mesh_count[shared].sum()) <= MOST_TRIANGLES
     )
 
 
-class DenseOffer:
-    """Offers candidates found by a dense tree, or by `other` where that is better.
+@dataclass(frozen=True, eq=False)
+class DenseScene:
+    """What is flattened, and instances of what is not; None where there is none."""
 
-    tree : the tree once it is built, or the last one if nothing has moved since
-    last : a tree of as many triangles before they moved, whose blocks are tried first
+    frame: Frame
+    tree: DenseTree | None
+    instances: Instances | None
+
+
+@np.errstate(all="ignore")
+def offer_dense(scene: DenseScene, query: Query) -> None:
+    """Offer a query all triangles that its rays may hit, or settle them."""
+    if not len(query.rays):
+        return
+    decisions = PlaneDecisions(query, NO_PLANES if scene.tree is None else scene.tree.planes)
+    rays = prepare_rays(scene.frame, decisions)
+    best = to_bounds(decisions.best, rays.way)
+    if scene.tree is not None:
+        walk_world(scene.tree, rays, best, decisions)
+    if scene.instances is not None:
+        InstanceWalk(scene.instances, rays, best, decisions).run()
+    decisions.finish()
+
+
+class DenseOffer:
+    """Offers candidates found by dense trees, or by `other` where that is better.
+
+    built : the trees once they are built, or the last ones if nothing has moved since
+    last : a tree of as many flattened triangles before they moved, whose blocks are tried first
     """
 
     def __init__(self, primitives: Primitives, other: Callable[[Query], None], last: DenseOffer | None = None) -> None:
         self.primitives, self.other = primitives, other
-        self.tree: DenseTree | None = None
+        self.built: DenseScene | None = None
         self.last: DenseTree | None = None
         if last is not None:
             self._take_last(last)
 
     def _take_last(self, last: DenseOffer) -> None:
-        corners = self.primitives.corners
-        if last.tree is not None and np.array_equal(last.primitives.corners, corners):
-            self.tree = last.tree
-        elif len(last.primitives.corners) == len(corners):
-            self.last = last.tree if last.tree is not None else last.last
+        corners, tree = self.primitives.corners, last.last if last.built is None else last.built.tree
+        same = np.array_equal(last.primitives.corners, corners)
+        if same and self.primitives.flattened.all() and last.primitives.flattened.all():
+            self.built = last.built
+        if self.built is None and len(last.primitives.corners) == len(corners):
+            self.last = tree
 
     def __call__(self, query: Query) -> None:
         """Offer a query all primitives that its rays may hit."""
-        if not query.narrows or (self.tree is None and len(query.rays) < SMALLEST_BATCH):
+        if not query.narrows or (self.built is None and len(query.rays) < SMALLEST_BATCH):
             self.other(query)
             return
-        if self.tree is None:
-            self.tree, self.last = self._build(), None
-        offer_dense(self.tree, query)
+        if self.built is None:
+            self.built, self.last = build_scene(self.primitives, self.last), None
+        offer_dense(self.built, query)
 
-    def _build(self) -> DenseTree:
-        corners, bounds = self.primitives.corners, self.primitives.bounds
-        if self.last is not None:
-            moved = pack_dense_tree(bounds, corners, self.last.items, self.last.count, self.last.large)
-            if moved.surface <= MOST_GROWTH * self.last.surface:
-                return moved
-        return build_dense_tree(corners, bounds)
+
+def build_scene(primitives: Primitives, last: DenseTree | None = None) -> DenseScene:
+    """Build what the dense form of a scene needs."""
+    frame = make_frame(*primitives.bounds)
+    tree = _build_flattened(primitives, last) if len(primitives.corners) else None
+    return DenseScene(frame, tree, None if primitives.flattened.all() else build_instances(primitives, frame))
+
+
+def _build_flattened(primitives: Primitives, last: DenseTree | None) -> DenseTree:
+    corners, bounds = primitives.corners, primitives.bounds
+    if last is not None:
+        moved = pack_dense_tree(bounds, corners, last.items, last.count, last.large)
+        if moved.surface <= MOST_GROWTH * last.surface:
+            return moved
+    return build_dense_tree(corners, bounds)

@@ -25,7 +25,7 @@ from raytracer.casting.bvh.clustering import Bounds, half_surface
 from raytracer.casting.bvh.culling import FLOAT32_ROUNDOFF
 from raytracer.casting.bvh.tree import Frame, make_frame, round_down
 from raytracer.casting.dense.split import split_evenly
-from raytracer.casting.planes import PLANE_COLUMNS, make_planes
+from raytracer.casting.planes import PLANE_COLUMNS, make_moved_planes, make_planes
 from raytracer.predicates.filtered import cross
 
 PAD = 40 * FLOAT32_ROUNDOFF
@@ -46,23 +46,31 @@ SMALLEST_ROWS = 2.0**-28
 
 
 @dataclass(frozen=True, eq=False)
-class DenseTree:
+class Blocks:
     """t triangles in b blocks of up to k, and the levels of boxes above them.
 
     levels : tables (nodes, 3 axes, 2 F, 3) float32 of boxes, the root's first
     items : (b, k) int32, triangles of each block; the last repeated where there are fewer
     edges : (b, 3 k, 6) float32, rows of the edges opposite corners a, then b, then c; NaN where there are fewer
     planes : (t, 8) float64, see `planes`
+    """
+
+    levels: list[NDArray[np.float32]]
+    items: Integers
+    edges: NDArray[np.float32]
+    planes: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class DenseTree(Blocks):
+    """Blocks in a frame, and what is in none.
+
     large, large_edges : (g,) int32 and (1, 3 g, 6), triangles that are in no block
     count : (b,) triangles of each block
     surface : of all blocks together, as a multiple of the surface of all
     """
 
     frame: Frame
-    levels: list[NDArray[np.float32]]
-    items: Integers
-    edges: NDArray[np.float32]
-    planes: Floats
     large: Integers
     large_edges: NDArray[np.float32]
     count: NDArray[np.intp]
@@ -71,15 +79,17 @@ class DenseTree:
 
 def build_dense_tree(corners: NDArray, low_high: Floats) -> DenseTree:
     """Return the tree of t >= 1 triangles with world corners (t, 9) in the box `low_high` (2, 3)."""
-    return pack_dense_tree(low_high, corners, *_choose_blocks(make_frame(*low_high), corners))
+    return pack_dense_tree(low_high, corners, *choose_blocks(make_frame(*low_high), corners))
 
 
-def _choose_blocks(frame: Frame, corners: NDArray) -> tuple[Integers, NDArray[np.intp], Integers]:
+def choose_blocks(
+    frame: Frame, corners: NDArray, most_large: int = MOST_LARGE
+) -> tuple[Integers, NDArray[np.intp], Integers]:
     """The items and counts of blocks, and the large triangles, see DenseTree."""
     bounds = _bound_triangles(frame, corners)
     surface = half_surface(bounds)
     large = np.flatnonzero(surface > LARGE_SHARE * half_surface(bounds.min(axis=1)))
-    large = large[np.argsort(-surface[large], kind="stable")[: min(MOST_LARGE, len(corners) - 1)]]
+    large = large[np.argsort(-surface[large], kind="stable")[: min(most_large, len(corners) - 1)]]
     small = np.delete(np.arange(len(corners), dtype=np.int32), large)
     level_count = int(np.log2(len(small) / BLOCK_TRIANGLES * np.sqrt(2))) if len(small) > BLOCK_TRIANGLES else 0
     order, starts = split_evenly(bounds.take(small, axis=1), level_count)
@@ -90,9 +100,18 @@ def _choose_blocks(frame: Frame, corners: NDArray) -> tuple[Integers, NDArray[np
 
 
 def pack_dense_tree(
-    low_high: Floats, corners: NDArray, items: Integers, count: NDArray[np.intp], large: Integers
+    low_high: Floats,
+    corners: NDArray,
+    items: Integers,
+    count: NDArray[np.intp],
+    large: Integers,
+    smallest_rows: float = SMALLEST_ROWS,
 ) -> DenseTree:
-    """Return the tree of triangles (t, 9) in the box `low_high` (2, 3) with given blocks, see DenseTree."""
+    """Return the tree of triangles (t, 9) in the box `low_high` (2, 3) with given blocks, see DenseTree.
+
+    smallest_rows : SMALLEST_MOVED_ROWS for triangles that may be moved
+    """
+    make = make_moved_planes if smallest_rows > SMALLEST_ROWS else make_planes
     frame = make_frame(*low_high)
     edges = np.empty((len(items), 3 * items.shape[1], 6), np.float32)
     planes = np.empty((len(corners), PLANE_COLUMNS))
@@ -101,17 +120,17 @@ def pack_dense_tree(
     for start in range(0, len(items), step):
         part = slice(start, start + step)
         placed = _place(frame, corners, items[part])
-        planes[items[part]] = make_planes(_turn(corners, items[part]), frame.exponent).reshape(*items[part].shape, -1)
+        planes[items[part]] = make(_turn(corners, items[part]), frame.exponent).reshape(*items[part].shape, -1)
         low[part], high[part] = placed.min(axis=(0, 3)).T, placed.max(axis=(0, 3)).T
-        edges[part] = pack_edges(placed)
+        edges[part] = pack_edges(placed, smallest_rows)
     # Blocks differ in size by one at most.
     edges.reshape(len(items), 3, -1, 6)[count < items.shape[1], :, -1] = np.nan
     placed = _place(frame, corners, large[np.newaxis])
-    planes[large] = make_planes(_turn(corners, large), frame.exponent)
+    planes[large] = make(_turn(corners, large), frame.exponent)
     boxes = np.concatenate([low, -high], axis=1).T.astype(np.float32)
     surface = float(half_surface(boxes).sum() / max(half_surface(boxes.min(axis=1)), SMALLEST_SURFACE))
-    levels = _make_levels(low, high)
-    return DenseTree(frame, levels, items, edges, planes, large, pack_edges(placed), count, surface)
+    levels = make_levels(low, high)
+    return DenseTree(levels, items, edges, planes, frame, large, pack_edges(placed), count, surface)
 
 
 def _bound_triangles(frame: Frame, corners: NDArray) -> Bounds:
@@ -131,24 +150,24 @@ def _place(frame: Frame, corners: NDArray, items: NDArray) -> Floats:
 
 
 def _turn(corners: NDArray, items: NDArray) -> Floats:
-    """World corners (3 corners, 3, k) of k triangles."""
+    """Corners (3 corners, 3, k) of k triangles, as they are given."""
     rows = corners.take(items.ravel(), axis=0).astype(np.float64, copy=False)
     return np.ascontiguousarray(rows.T).reshape(3, 3, -1)
 
 
-def pack_edges(corners: Floats) -> NDArray[np.float32]:
+def pack_edges(corners: Floats, smallest: float = SMALLEST_ROWS) -> NDArray[np.float32]:
     """(b, 3 k, 6) float32 rows (p x q, q - p) / s of corners (3 corners, 3, b, k) in the frame, s their largest
-    component over a triangle's edges plus SMALLEST_ROWS."""
+    component over a triangle's edges plus `smallest`."""
     following, preceding = corners[[1, 2, 0]], corners[[2, 0, 1]]
     rows = np.empty((6, *corners.shape[2:], 3))  # (6, b, k, 3 edges)
     for edge in range(3):
         rows[:3, ..., edge] = cross(following[edge], preceding[edge])
         rows[3:, ..., edge] = preceding[edge] - following[edge]
-    rows /= np.abs(rows).max(axis=(0, 3))[..., np.newaxis] + SMALLEST_ROWS
+    rows /= np.abs(rows).max(axis=(0, 3))[..., np.newaxis] + smallest
     return np.ascontiguousarray(rows.transpose(1, 3, 2, 0), np.float32).reshape(corners.shape[2], -1, 6)
 
 
-def _make_levels(low: Floats, high: Floats) -> list[NDArray[np.float32]]:
+def make_levels(low: Floats, high: Floats) -> list[NDArray[np.float32]]:
     """The tables of all levels above 2^k blocks with boxes low, high (b, 3): of the root first."""
     bits = len(low).bit_length() - 1
     root_bits = min(bits, ROOT_BITS)

@@ -6,77 +6,51 @@ and what is certain about them go to `planes`, which decides.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Booleans
+from raytracer.arrays.types import Booleans, Indices
 from raytracer.casting.bvh.stacks import Pairs
-from raytracer.casting.dense.lines import prepare_rays, to_bounds
+from raytracer.casting.dense.lines import DenseRays, to_bounds
 from raytracer.casting.dense.packets import LANE_BLOCK, LANES, cross_triangles, enter_boxes, make_packets
-from raytracer.casting.dense.tree import DenseTree
+from raytracer.casting.dense.tree import Blocks, DenseTree
 from raytracer.casting.planes import PlaneDecisions
-from raytracer.casting.query import Query
+
+Levels = list[NDArray[np.float32]]
+# Has candidates decided: rays, rows of planes, whether certainly inside.
+Decide = Callable[[Indices, Indices, Booleans], None]
 
 
-class Walk:
-    """One batch.
+class Descent:
+    """Rays on their way down levels of boxes.
 
-    best : (n,) float32, nothing farther matters, in the rows' distances
+    best : (n,) float32, nothing farther matters, in the rows' distances; -inf or NaN once a ray is decided
     """
 
-    def __init__(self, tree: DenseTree, query: Query) -> None:
-        self.tree, self.query = tree, query
-        self.decisions = PlaneDecisions(query, tree.planes)
-        self.rays = prepare_rays(tree.frame, self.decisions)
-        self.best = to_bounds(self.decisions.best, self.rays.way)
+    def __init__(self, levels: Levels, rays: DenseRays, best: NDArray[np.float32]) -> None:
+        self.levels, self.rays, self.best = levels, rays, best
 
-    def run(self) -> None:
-        """Offer or settle every triangle that rays may hit."""
-        self._test_large()
-        first, others = _split_nearest(self._drop_passed(self._enter_root()), None, len(self.best))
-        self._descend(first)
-        self._descend(self._drop_passed(others))
-        self.decisions.finish()
-
-    def _descend(self, pairs: Pairs) -> None:
-        """Go from the root's children to the triangles below."""
-        later = []
-        for depth in range(1, len(self.tree.levels)):
-            orders = self.query.any_hit and depth == len(self.tree.levels) - 1
-            pairs, others = self._open_nodes(depth, pairs, orders)
-            later.append(others)
-        self._open_blocks(pairs)
-        if later:
-            self._open_blocks(self._drop_passed(later[-1]))
-
-    def _test_large(self) -> None:
-        """Test all rays with the triangles that are in no block."""
-        size, count = len(self.tree.large), len(self.best)
-        for start in range(0, count if size else 0, LANE_BLOCK):
-            lines = _in_packets(self.rays.lines[start : min(start + LANE_BLOCK, count)])
-            index, inside = cross_triangles(self.tree.large_edges, lines)
-            slot, ray = _split_index(index, size, lines.shape[1])
-            self._take_in(ray + start, self.tree.large.take(slot), inside)
-
-    def _enter_root(self) -> Pairs:
+    def enter_root(self) -> Pairs:
         """Pairs of rays and the root's children that they enter."""
         parts = []
         count = len(self.best)
         for start in range(0, count, LANE_BLOCK):
-            slabs = _in_packets(self.rays.slabs[start : min(start + LANE_BLOCK, count)])
-            index, entry = enter_boxes(self.tree.levels[0], slabs)
-            child, ray = _split_index(index, self.tree.levels[0].shape[2] // 2, slabs.shape[1])
+            slabs = in_packets(self.rays.slabs[start : min(start + LANE_BLOCK, count)])
+            index, entry = enter_boxes(self.levels[0], slabs)
+            child, ray = split_index(index, self.levels[0].shape[2] // 2, slabs.shape[1])
             parts.append(Pairs((ray + start).astype(np.int32), child.astype(np.uint16), entry))
         return Pairs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def _drop_passed(self, pairs: Pairs) -> Pairs:
+    def drop_passed(self, pairs: Pairs) -> Pairs:
         """Leave out what lies beyond the best distance by now."""
         alive = np.flatnonzero(pairs.entry <= self.best.take(pairs.row))
         return pairs if len(alive) == len(pairs.row) else pairs.select(alive)
 
-    def _open_nodes(self, depth: int, pairs: Pairs, orders: bool) -> tuple[Pairs, Pairs]:
+    def open_nodes(self, depth: int, pairs: Pairs, orders: bool) -> tuple[Pairs, Pairs]:
         """Pairs of rays and the children that they enter: all, or the nearest and the others."""
-        table = self.tree.levels[depth]
+        table = self.levels[depth]
         fan = table.shape[2] // 2
         packets = make_packets(pairs.row, pairs.target, len(table), len(self.best))
         lanes = packets.ray.shape[1]
@@ -96,10 +70,36 @@ class Walk:
         alive = np.flatnonzero(entry <= self.best.take(ray, mode="clip"))
         row, packet, ray = row.take(alive), packet.take(alive), ray.take(alive)
         child = packets.node.take(packet) * fan + (row - packet * fan)
-        entered = Pairs(ray.astype(np.int32), child.astype(np.uint16), entry.take(alive))
+        numbers = np.uint16 if len(table) * fan <= 1 << 16 else np.int32
+        entered = Pairs(ray.astype(np.int32), child.astype(numbers), entry.take(alive))
         if orders:
-            return _split_nearest(entered, lane.take(alive), packets.ray.size)
+            return split_nearest(entered, lane.take(alive), packets.ray.size)
         return entered, entered.part(slice(0, 0))
+
+
+class Walk(Descent):
+    """Rays on their way through a tree of triangles."""
+
+    def __init__(self, tree: Blocks, rays: DenseRays, best: NDArray[np.float32], any_hit: bool, decide: Decide) -> None:
+        super().__init__(tree.levels, rays, best)
+        self.tree, self.any_hit, self.decide = tree, any_hit, decide
+
+    def run(self, children: Pairs) -> None:
+        """Have every triangle decided that rays may hit below children of the root that they enter."""
+        first, others = split_nearest(self.drop_passed(children), None, len(self.best))
+        self._descend(first)
+        self._descend(self.drop_passed(others))
+
+    def _descend(self, pairs: Pairs) -> None:
+        """Go from the root's children to the triangles below."""
+        later = []
+        for depth in range(1, len(self.levels)):
+            orders = self.any_hit and depth == len(self.levels) - 1
+            pairs, others = self.open_nodes(depth, pairs, orders)
+            later.append(others)
+        self._open_blocks(pairs)
+        if later:
+            self._open_blocks(self.drop_passed(later[-1]))
 
     def _open_blocks(self, pairs: Pairs) -> None:
         """Test the triangles of blocks with the rays that enter them."""
@@ -119,38 +119,48 @@ class Walk:
         packet = row // size
         ray = packets.ray.ravel().take(index + (packet - row) * lanes)
         triangle = self.tree.items.ravel().take(packets.node.take(packet) * size + (row - packet * size))
-        self._take_in(ray, triangle, inside)
-
-    def _take_in(self, ray: NDArray[np.intp], triangle: NDArray, inside: Booleans) -> None:
-        """Have candidates decided; let those that are certain cull."""
-        changed = self.decisions.take_in(ray, triangle, inside)
-        self.best[changed] = to_bounds(self.decisions.best.take(changed), self.rays.way.take(changed))
+        self.decide(ray, triangle, inside)
 
 
-def _in_packets(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+def walk_world(tree: DenseTree, rays: DenseRays, best: NDArray[np.float32], decisions: PlaneDecisions) -> None:
+    """Have all triangles of a tree in the world's frame decided; lowers `best`."""
+
+    def decide(ray: Indices, triangle: Indices, inside: Booleans) -> None:
+        changed = decisions.take_in(ray, triangle, inside)
+        best[changed] = to_bounds(decisions.best.take(changed), rays.way.take(changed))
+
+    _test_large(tree, rays, len(best), decide)
+    walk = Walk(tree, rays, best, decisions.query.any_hit, decide)
+    walk.run(walk.enter_root())
+
+
+def _test_large(tree: DenseTree, rays: DenseRays, count: int, decide: Decide) -> None:
+    """Test all rays with the triangles that are in no block."""
+    size = len(tree.large)
+    for start in range(0, count if size else 0, LANE_BLOCK):
+        lines = in_packets(rays.lines[start : min(start + LANE_BLOCK, count)])
+        index, inside = cross_triangles(tree.large_edges, lines)
+        slot, ray = split_index(index, size, lines.shape[1])
+        decide(ray + start, tree.large.take(slot), inside)
+
+
+def in_packets(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     """Rows (k, c) of rays as packets (p, l, c): of a size for which no library of matrix products starts threads."""
     lanes = LANES[-1]
     return rows.reshape(-1, lanes, rows.shape[1]) if len(rows) % lanes == 0 else rows[np.newaxis]
 
 
-def _split_index(index: NDArray[np.intp], fan: int, lanes: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def split_index(index: NDArray[np.intp], fan: int, lanes: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The middle one of places in (p, fan, lanes), and the ray that the others make."""
     row = index // lanes
     packet = row // fan
     return row - packet * fan, index + (packet - row) * lanes
 
 
-def _split_nearest(pairs: Pairs, lane: NDArray[np.intp] | None, count: int) -> tuple[Pairs, Pairs]:
+def split_nearest(pairs: Pairs, lane: NDArray[np.intp] | None, count: int) -> tuple[Pairs, Pairs]:
     """(nearest, others) of the pairs in each of `count` lanes, which are their rows unless given."""
     lane = pairs.row if lane is None else lane
     least = np.full(count, np.inf, np.float32)
     np.minimum.at(least, lane, pairs.entry)
     nearest = pairs.entry <= least.take(lane)
     return pairs.select(np.flatnonzero(nearest)), pairs.select(np.flatnonzero(~nearest))
-
-
-@np.errstate(all="ignore")
-def offer_dense(tree: DenseTree, query: Query) -> None:
-    """Offer a query all triangles that its rays may hit, or settle them."""
-    if len(query.rays):
-        Walk(tree, query).run()

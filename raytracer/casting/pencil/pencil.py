@@ -156,8 +156,8 @@ def make_views(pencil: Pencil, rays: Rays, scale: float) -> Iterator[View]:
     forward = (voters / np.abs(voters).max(axis=1, keepdims=True)).mean(axis=0)
     if np.abs(forward).max() > ONE_VIEW:
         turn = _turn_to(forward)
-        x, y, z = turned = _map_planes(turn, pencil.headings)
-        if z.min() > 0 and (z * z > ONE_VIEW**2 * (x * x + y * y + z * z)).all():
+        turned = _map_planes(turn, pencil.headings)
+        if _fit_one_view(*turned):
             yield _make_view(pencil, turn, turned, everyone, scale)
             return
     axis = np.abs(pencil.headings).argmax(axis=1)
@@ -166,6 +166,12 @@ def make_views(pencil: Pencil, rays: Rays, scale: float) -> Iterator[View]:
         turn = (-1.0 if one % 2 else 1.0) * np.roll(np.eye(3), one // 2 + 1, axis=1)
         rows = np.flatnonzero(face == one)
         yield _make_view(pencil, turn, _map_planes(turn, pencil.headings[rows]), rows, scale)
+
+
+@np.errstate(over="ignore")
+def _fit_one_view(x: Floats, y: Floats, z: Floats) -> bool:
+    """False also where headings are so long, or so short, that their squares are none."""
+    return bool(z.min() > 0 and (z * z > ONE_VIEW**2 * (x * x + y * y + z * z)).all())
 
 
 def _pick_voters(vectors: Floats) -> Floats:

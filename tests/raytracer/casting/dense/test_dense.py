@@ -224,9 +224,9 @@ def test_dense_tree_is_built_by_the_first_large_batch(rng, monkeypatch):
     origins, directions = meshes.random_rays(rng, 50)
     few = caster.closest_hit(origins[:49], directions[:49])
     caster.crossings(origins, directions)
-    assert caster.offer.tree is None
+    assert caster.offer.built is None
     many = caster.closest_hit(origins, directions)
-    assert caster.offer.tree is not None
+    assert caster.offer.built is not None
     assert_same_hits(many.select(slice(0, 49)), few)
 
 
@@ -251,7 +251,7 @@ def test_tree_of_what_moved_is_taken_from_the_last(rng, monkeypatch, moved, kept
     second = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(positions, triangles)]), last=first)
     third = raytracer.build(scene, last=second)  # which no ray has asked for a tree
     hits = third.closest_hit(*rays)
-    assert (third.offer.tree is first.offer.tree) == (moved == 0.0)
-    assert np.array_equal(third.offer.tree.items, first.offer.tree.items) == kept
+    assert (third.offer.built is first.offer.built) == (moved == 0.0)
+    assert np.array_equal(third.offer.built.tree.items, first.offer.built.tree.items) == kept
     other = partial(offer_traversed, build_hierarchy(third.primitives))
     assert_same_hits(hits, replace(third, offer=other).closest_hit(*rays))

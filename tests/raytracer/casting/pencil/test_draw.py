@@ -7,6 +7,7 @@ import pytest
 
 import raytracer
 from raytracer.casting.brute_force import offer_all
+from raytracer.casting.matrix_form import MatrixForm
 from raytracer.casting.pencil.cluster_culling import are_hidden, cull_clusters, project_vertices
 from raytracer.casting.pencil.clusters import CLUSTER, make_clusters, place_on_curve
 from raytracer.casting.pencil.grids import RANGE_SLACK, PixelGrid, limit_nearness
@@ -139,6 +140,23 @@ def test_float64_and_float32_casters_draw_too(rng):
         true = replace(caster, offer=offer_all, smallest_pencil=None).closest_hit(origins, directions)
         np.testing.assert_array_equal(hits.hit, true.hit)
         np.testing.assert_array_equal(hits.distance, true.distance)
+
+
+@pytest.mark.parametrize("scale", [1e-130, 1.0, 1e130])
+@pytest.mark.parametrize("power", [-200, -40, 0, 70, 200])
+@pytest.mark.filterwarnings("error")
+def test_directions_of_any_length_in_scenes_of_any_size_agree(rng, scale, power):
+    """Tried: sizes of any kind believed (LARGEST_SIZE), with which views overflow, and last bits are others."""
+    positions, triangles = meshes.make_icosphere(2)
+    caster = replace(raytracer.build(mesh_scene((positions * scale, triangles))), smallest_pencil=16)
+    directions = rng.normal(size=(200, 3)) - (0, 0, 3)
+    directions *= 10.0 ** rng.uniform(min(power, 0), max(power, 0), (200, 1))
+    rays = make_rays(np.tile(np.array([0.1, 0.2, 3.0]) * scale, (200, 1)), directions)
+    true = replace(caster, offer=offer_all, smallest_pencil=None).closest_hit(rays.origins, rays.directions)
+    assert true.hit.sum() > 40
+    form = replace(caster, offer=MatrixForm(caster.primitives), smallest_pencil=None)
+    for other in (caster, form):
+        assert_same_hits(other.closest_hit(rays.origins, rays.directions), true)
 
 
 @pytest.mark.parametrize(
