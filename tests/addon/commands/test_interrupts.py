@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -29,10 +30,16 @@ def blend(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run_python(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run Python with Ctrl-C as a terminal gives it: what a shell starts in the background ignores it, and passes that
+    on."""
     command, variables = [sys.executable, *map(str, arguments)], os.environ | environment
-    return subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300, env=variables
-    )  # fmt: skip
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return subprocess.run(
+            command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300, env=variables
+        )  # fmt: skip
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def assert_interrupted(done: subprocess.CompletedProcess[str]) -> None:
