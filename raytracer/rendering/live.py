@@ -169,14 +169,21 @@ class Live:
             while True:
                 self._latest = self._child.channel.receive()
         except (ChannelClosedError, pickle.UnpicklingError, MemoryError):
-            if not self.is_closed:
-                end = f"the render process {self._child.describe_end()}"
-                self._latest = Report(self._job, is_finished=True, error=end)
+            self._say_end()
+
+    def _say_end(self) -> None:
+        if not self.is_closed:
+            end = f"the render process {self._child.describe_end()}"
+            self._latest = Report(self._job, is_finished=True, error=end)
 
     def _watch(self) -> None:
         """End the process if it gives no sign of life; the life of a thread."""
         while not self._closing.wait(WATCH_SECONDS) and self._child.process.poll() is None:
             self._child.wait_in_vain(WATCH_SECONDS)
+        listener = self._threads[1]
+        listener.join(JOIN_SECONDS)
+        if listener.is_alive():  # another process holds the pipe open, and hides its end
+            self._say_end()
 
 
 def take_all(outbox: queue.SimpleQueue[Any]) -> list[Any]:

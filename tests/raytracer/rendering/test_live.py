@@ -20,6 +20,7 @@ from raytracer import render
 from raytracer.bsdfs import microfacet_albedo
 from raytracer.casting.caster import build
 from raytracer.processes import child
+from raytracer.processes.channel import Channel, ChannelClosedError
 from raytracer.processes.child import describe_error
 from raytracer.processes.late_pool import LatePool
 from raytracer.processes.transfer import Sender
@@ -151,6 +152,25 @@ def test_the_end_of_the_process_is_noticed(live: Live) -> None:
     assert "ended unexpectedly" in live.report.error
     live.set_scene(make_scene(-4.0))  # harmless
     live.draw(TARGET, "certified")
+
+
+def test_the_end_of_the_process_is_noticed_though_its_pipe_stays_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where another process was started at the same moment and got hold of it."""
+    closed = threading.Event()
+
+    def receive(_: Channel) -> Any:
+        closed.wait()
+        raise ChannelClosedError
+
+    monkeypatch.setattr(Channel, "receive", receive)
+    live = Live()
+    try:
+        live.draw(TARGET, "certified")
+        kill(live.process_id)
+        wait_for(lambda: live.report is not None and bool(live.report.error))
+    finally:
+        closed.set()
+        live.close()
 
 
 def test_forget_drops_pictures_and_reports(live: Live) -> None:
