@@ -9,6 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+
+class DroppedError(Exception):
+    """A job has ended early, for nobody waits for its result; what asks `is_dropped` raises it, or a kind of it."""
+
+
 _question: ContextVar[Callable[[], bool]] = ContextVar("is_dropped", default=lambda: False)
 
 

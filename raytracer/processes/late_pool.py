@@ -14,7 +14,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
 
-from raytracer.processes.dropping import dropped_when
+from raytracer.processes.dropping import DroppedError, dropped_when
 from raytracer.processes.workers import WorkerError, Workers
 
 # Steps by which workers are nicer than their parent, on POSIX: each takes about a fifth less beside others.
@@ -57,7 +57,7 @@ class LatePool:
     def run(self, jobs: Iterable[Any], is_cancelled: Callable[[], bool]) -> Iterator[Any]:
         """Yield the result of every job, in order; stop early when `is_cancelled()`.
 
-        The function ends early as well, with whatever error it likes, if it asks `is_dropped`.
+        The function ends early as well if it asks `is_dropped` and raises a DroppedError.
 
         Raises
         ------
@@ -72,10 +72,8 @@ class LatePool:
                 try:
                     with dropped_when(is_cancelled):
                         result = self._function(job)
-                except Exception:
-                    if is_cancelled():
-                        return
-                    raise
+                except DroppedError:
+                    return
                 yield result
                 break
             else:

@@ -12,10 +12,11 @@ from raytracer.casting.primitives import Primitives
 from raytracer.casting.ray_visibility import RayCaster
 from raytracer.casting.rays import Hits
 from raytracer.casting.subset_caster import SubsetCaster
+from raytracer.processes.dropping import DroppedError
 from raytracer.scene.scene import Scene
 
 
-class CancelledError(Exception):
+class CancelledError(DroppedError):
     """The user stopped the render in the middle of a block."""
 
 

@@ -20,6 +20,8 @@ WIDTH, HEIGHT = 44, 26
 TOLERANCE = 100 * float(np.finfo(np.float32).eps)
 
 WIDE = {"fisheye_fov": math.radians(250), "fisheye_lens": 8.0}
+# What this Blender has: the central cylinder came after 4.2.
+KNOWN = bpy.types.Camera.bl_rna.properties["panorama_type"].enum_items.keys()
 KINDS: dict[str, dict[str, Any]] = {
     "EQUIRECTANGULAR": {},
     "EQUIANGULAR_CUBEMAP_FACE": {},
@@ -31,6 +33,7 @@ KINDS: dict[str, dict[str, Any]] = {
     },
     "CENTRAL_CYLINDRICAL": {},
 }  # fmt: skip
+KINDS = {kind: settings for kind, settings in KINDS.items() if kind in KNOWN}
 NARROW = {"longitude_min": -1.0, "longitude_max": 2.0, "latitude_min": -0.3, "latitude_max": 1.4}
 CYLINDER = {"central_cylindrical_range_u_min": -1.0, "central_cylindrical_range_v_max": 3.0}
 CYLINDER |= {"central_cylindrical_radius": 1.7}
@@ -43,6 +46,7 @@ CASES = [
     ("FISHEYE_EQUISOLID", {**WIDE, "sensor_fit": "HORIZONTAL"}, {"pixel_aspect_x": 2.0}),
     ("FISHEYE_EQUIDISTANT", {}, {"pixel_aspect_y": 2.0}),
 ]  # fmt: skip
+CASES = [case for case in CASES if case[0] in KNOWN]
 
 
 @pytest.fixture
@@ -62,10 +66,7 @@ def room(empty_scene: Any) -> Any:
 
 
 def set_up(room: Any, kind: str, lens: dict[str, Any], render: dict[str, Any]) -> None:
-    """Give the camera a projection; skip where this Blender has not got it."""
-    known = room.camera.data.bl_rna.properties["panorama_type"].enum_items.keys()
-    if kind not in known:
-        pytest.skip(f"this Blender has no panorama of type {kind}")
+    """Give the camera a projection."""
     room.camera.data.panorama_type = kind
     for owner, values in ((room.camera.data, lens), (room.render, render)):
         for name, value in values.items():

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from raytracer.processes import late_pool
-from raytracer.processes.dropping import dropped_when, is_dropped
+from raytracer.processes.dropping import DroppedError, dropped_when, is_dropped
 from raytracer.processes.late_pool import LatePool
 from raytracer.processes.workers import WorkerError, Workers
 from tests.portable import is_running, kill
@@ -38,7 +38,7 @@ class TellWithDrops(Tell):
         while job == 0:
             time.sleep(0.01)
             if is_dropped():
-                raise RuntimeError("dropped")
+                raise DroppedError
         return super().__call__(job)
 
 
