@@ -22,8 +22,19 @@ FLOORS = {
         *("surfaces", "bsdfs", "shading", "lights", "integrator", "rendering", "commands", "__init__", "__main__"),
     ),
     "addon": (
-        *("interrupts", "versions", "passes", "properties", "editors", "extract", "scripting", "scanning", "viewport"),
-        *("engine", "inspector", "compare", "panels", "registration", "commands", "presets", "__init__", "__main__"),
+        *("interrupts", "versions", "passes", "properties", "editors", "handlers", "extract", "scripting", "scanning"),
+        *(
+            "viewport",
+            "engine",
+            "inspector",
+            "compare",
+            "panels",
+            "registration",
+            "commands",
+            "presets",
+            "__init__",
+            "__main__",
+        ),
     ),
 }
 # The public face of the ray tracer is what an add-on imports, but no room of the ray tracer itself.

@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import bpy
 from bpy.app.handlers import persistent
 
 import raytracer
 
+from .. import handlers
 from ..extract.kept import Kept
 
 # Any ray: what a caster builds when it is first asked, it builds for this one.
@@ -51,19 +51,12 @@ def forget(*_: Any) -> None:
     _frames.clear()
 
 
-handlers = bpy.app.handlers
-ENDS = (handlers.render_complete, handlers.render_cancel, handlers.load_pre)
-
-
 def register() -> None:
     """Watch for the end of animations."""
-    for called in ENDS:
-        called.append(forget)
+    handlers.join(forget, *handlers.RENDER_ENDS)
 
 
 def unregister() -> None:
     """Let go of everything and watch no more."""
     forget()
-    for called in ENDS:
-        if forget in called:
-            called.remove(forget)
+    handlers.leave(forget, *handlers.RENDER_ENDS)

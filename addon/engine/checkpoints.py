@@ -16,6 +16,7 @@ from bpy.app.handlers import persistent
 
 from raytracer.files.replacing import check_replaceable
 
+from .. import handlers
 from ..properties import ENGINE
 from .orders import KeepFilm
 
@@ -88,18 +89,12 @@ def forget(*_: Any) -> None:
     _Session.is_resuming = False
 
 
-ENDS = (bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel, bpy.app.handlers.load_pre)
-
-
 def register() -> None:
     """Watch for the ends of renders."""
-    for called in ENDS:
-        called.append(forget)
+    handlers.join(forget, *handlers.RENDER_ENDS)
 
 
 def unregister() -> None:
     """Watch no more."""
     forget()
-    for called in ENDS:
-        if forget in called:
-            called.remove(forget)
+    handlers.leave(forget, *handlers.RENDER_ENDS)

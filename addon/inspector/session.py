@@ -13,6 +13,7 @@ from raytracer.integrator.inspect_ray import Inspector, make_inspector
 from raytracer.integrator.traced_rays import TracedRay
 
 from ..extract.scene import Extraction, extract_scene
+from ..handlers import HANDLERS, join, leave
 from ..properties import settings_keywords
 from . import drawing
 from .describe import find_depth, order_rays, title_ray
@@ -113,10 +114,10 @@ def clear(*_: Any) -> None:
 
 def register() -> None:
     """Clear whenever another file is loaded."""
-    bpy.app.handlers.load_post.append(clear)
+    join(clear, HANDLERS.load_post)
 
 
 def unregister() -> None:
     """Forget all, and do not listen any more."""
-    bpy.app.handlers.load_post.remove(clear)
+    leave(clear, HANDLERS.load_post)
     clear()

@@ -17,6 +17,7 @@ from raytracer.film.error import format_error
 from ..editors import count_letters, redraw, wrap_text
 from ..engine.statistics import Statistics, last_render
 from ..extract.warnings import Warning
+from ..handlers import HANDLERS, join, leave
 from .shared import RenderPanel
 
 # What is said of a render that did not take all samples.
@@ -152,19 +153,17 @@ def show_news(*_: Any) -> None:
 
 
 # An animation's frame is told by the second.
-ENDS = (bpy.app.handlers.render_complete, bpy.app.handlers.render_post, bpy.app.handlers.render_cancel)
+NEWS = (HANDLERS.render_complete, HANDLERS.render_post, HANDLERS.render_cancel)
 
 
 def register() -> None:
     """Watch for the ends of renders."""
-    for called in ENDS:
-        called.append(show_news)
+    join(show_news, *NEWS)
 
 
 def unregister() -> None:
     """Watch no more."""
-    for called in ENDS:
-        called.remove(show_news)
+    leave(show_news, *NEWS)
 
 
 CLASSES = (RAYTRACER_RENDER_PT_statistics, RAYTRACER_RENDER_PT_warnings, RAYTRACER_OT_select_warned)

@@ -20,6 +20,7 @@ from raytracer.casting.geometry import Geometry, pack_geometry
 from raytracer.casting.moving import MovingCaster, follow_moving
 from raytracer.casting.rays import Hits, Rays
 
+from ..handlers import HANDLERS, join, leave
 from .placements import Key, Placement, ShapeTable, list_placements
 from .selection import Selection
 from .shapes import Shape
@@ -125,8 +126,7 @@ def find_held(depsgraph: Any, selection: Selection = EVERYTHING) -> tuple[Held, 
     _held[view] = held  # at the end: the order is that of use
     while len(_held) > MOST_HELD:
         del _held[next(iter(_held))]
-    if forget not in bpy.app.handlers.load_post:
-        bpy.app.handlers.load_post.append(forget)
+    join(forget, HANDLERS.load_post)
     return held, placements
 
 
@@ -182,5 +182,4 @@ def forget(*_: Any) -> None:
 def unregister() -> None:
     """Let go of all casters, and of being called."""
     forget()
-    if forget in bpy.app.handlers.load_post:
-        bpy.app.handlers.load_post.remove(forget)
+    leave(forget, HANDLERS.load_post)

@@ -13,6 +13,7 @@ from bpy.app.handlers import persistent
 
 from raytracer.rendering.live import Live
 
+from ..handlers import HANDLERS, join, leave
 from ..properties import ENGINE
 
 _waiting: list[Live] = []
@@ -68,13 +69,12 @@ def close_all() -> None:
 
 def register() -> None:
     """Watch for scenes that use the engine."""
-    bpy.app.handlers.load_post.append(prepare)
+    join(prepare, HANDLERS.load_post)
     listen()
 
 
 def unregister() -> None:
     """End the processes that wait, and watch no more."""
     bpy.msgbus.clear_by_owner(_subscriber)
-    if prepare in bpy.app.handlers.load_post:
-        bpy.app.handlers.load_post.remove(prepare)
+    leave(prepare, HANDLERS.load_post)
     close_all()

@@ -12,12 +12,12 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
+from ..handlers import HANDLERS, join, leave
 from . import pool
 from .drawing import Canvas
 from .session import Session
 
-handlers = bpy.app.handlers
-UNANNOUNCED = (handlers.undo_pre, handlers.undo_post, handlers.redo_pre, handlers.redo_post)
+UNANNOUNCED = (HANDLERS.undo_pre, HANDLERS.undo_post, HANDLERS.redo_pre, HANDLERS.redo_post)
 # Seconds between two looks for news of the renderers.
 WATCH_INTERVAL = 1 / 60
 
@@ -83,17 +83,14 @@ def distrust_all(*_: Any) -> None:
 def register() -> None:
     """Listen to undo and redo, and have a process wait where one will be needed."""
     pool.register()
-    for called in UNANNOUNCED:
-        called.append(distrust_all)
+    join(distrust_all, *UNANNOUNCED)
 
 
 def unregister() -> None:
     """End all renderers, and listen no more."""
     close_all()
     pool.unregister()
-    for called in UNANNOUNCED:
-        if distrust_all in called:
-            called.remove(distrust_all)
+    leave(distrust_all, *UNANNOUNCED)
 
 
 def close_all() -> None:

@@ -10,6 +10,7 @@ from bpy.app.handlers import persistent
 
 from raytracer.integrator.traced_rays import TracedRay
 
+from ...handlers import HANDLERS, join, leave
 from ...inspector import session as inspector
 from ..ray_cast.verdict import Verdict, judge_ray
 from ..results import Outcome
@@ -86,10 +87,10 @@ def clear(*_: Any) -> None:
 
 def register() -> None:
     """Clear whenever another file is loaded."""
-    bpy.app.handlers.load_post.append(clear)
+    join(clear, HANDLERS.load_post)
 
 
 def unregister() -> None:
     """Forget all, and do not listen any more."""
-    bpy.app.handlers.load_post.remove(clear)
+    leave(clear, HANDLERS.load_post)
     clear()

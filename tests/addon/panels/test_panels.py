@@ -12,7 +12,7 @@ import pytest
 
 import addon
 import raytracer
-from addon import inspector, panels, properties, versions
+from addon import handlers, inspector, panels, properties, versions
 from addon.compare import window
 from addon.engine import statistics
 from addon.extract.warnings import Warning
@@ -444,3 +444,15 @@ def test_triangles_count_each_instance() -> None:
     assert statistics.count_triangles(raytracer.Scene(meshes=[quad, single])) == 3
     placed = raytracer.Instances(np.array([0, 0, 1]), np.tile(np.eye(4), (3, 1, 1)))
     assert statistics.count_triangles(raytracer.Scene(meshes=[quad, single], instances=placed)) == 5
+
+
+def test_leaving_handlers_that_others_have_emptied_is_harmless(empty_scene: Any) -> None:
+    addon.register()
+    bpy.app.handlers.load_post.clear()
+    bpy.app.handlers.render_complete.clear()
+    addon.unregister()
+    addon.register()
+    count = len(bpy.app.handlers.render_complete)
+    handlers.join(last_render.show_news, bpy.app.handlers.render_complete)
+    assert len(bpy.app.handlers.render_complete) == count
+    addon.unregister()
