@@ -28,9 +28,14 @@ from raytracer.bsdfs.microfacet_albedo import read_plane
 from raytracer.bsdfs.sheen_table import sheen_table
 from raytracer.lecture import dot
 
-# Cycles' limits of parameters (bsdf_sheen.h, bsdf_ashikhmin_velvet.h, bsdf_toon.h), which are part of the shapes: the
-# table of sheen starts at the first, and at 0 velvet would divide by its width, toon have no lit angle.
-SMALLEST_SHEEN, SMALLEST_VELVET, SMALLEST_TOON = 1e-3, 0.01, 1e-5
+# Cycles' limits of parameters, which are part of the shapes and kept to agree. The table of sheen starts at this
+# roughness (bsdf_sheen.h).
+SMALLEST_SHEEN = 1e-3
+# Velvet's exponent is divided by the square of its width (bsdf_ashikhmin_velvet.h): 1e4 at most.
+SMALLEST_VELVET = 0.01
+# Toon's value is divided by the solid angle that it lights (bsdf_toon.h), which is this share of a right angle at
+# least.
+SMALLEST_TOON = 1e-5
 # Cycles' velvet is dark where its half vector is so near the normal, or the view's cosine to it so small: within that
 # its cotangent and quotients would be rounding alone in float32 (2^-24 over 1e-5 is half a percent). Kept to agree.
 VELVET_BORDER = 1e-5

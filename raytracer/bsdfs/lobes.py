@@ -21,14 +21,17 @@ from raytracer.bsdfs.fresnel import CONSTANT
 from raytracer.bsdfs.microfacet import Microfacets, evaluate_fresnel
 from raytracer.bsdfs.microfacet_albedo import compensate, read_glass, read_reflection
 
-# Cycles' limit: with a relative index of refraction this close to 1 light passes straight on, and the half vector of
-# refraction, eta i + o, is not defined.
+# Cycles' limit (bsdf_microfacet.h): with a relative index of refraction this close to 1 light passes straight on. The
+# half vector of refraction, eta i + o, is as short as |eta - 1| there, so that its direction would be off by eps /
+# 1e-4, a 1700th in Cycles' float32; and light is bent by no more than 1e-4 tan(theta), a pixel's width at 80 degrees.
 SMALLEST_ETA_STEP = 1e-4
 # A rough lobe is picked at least so often, as a share of its weight.
 SMALLEST_PICK = 2.0**-6
-# Cycles stretches no highlight by less anisotropy; more for the Glossy BSDF would divide by 0; other nodes take this
-# share of theirs.
-SMALLEST_ANISOTROPY, LARGEST_GLOSSY, STRONGEST_ASPECT = 1e-4, 0.99, 0.9
+# Cycles stretches no highlight by less (svm/closure.h): its width would change by a share of 1e-4, which no picture
+# of 8 or 10 bits shows, and a tangent would be needed for it.
+SMALLEST_ANISOTROPY = 1e-4
+# Cycles' largest for the Glossy BSDF, which divides by 1 minus it, and the share of theirs that other nodes take.
+LARGEST_GLOSSY, STRONGEST_ASPECT = 0.99, 0.9
 
 
 @dataclass(frozen=True, eq=False, slots=True)

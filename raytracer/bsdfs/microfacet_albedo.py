@@ -26,8 +26,11 @@ from raytracer.bsdfs.distributions import sample_visible_normals, shadowing
 from raytracer.bsdfs.fresnel import dielectric_reflectance, refract, schlick_share
 from raytracer.lecture import dot
 
-# Cycles' grids: sizes, and the end points that stand in for 0 and for an infinite index of refraction.
+# The sizes of Cycles' grids.
 REFLECTION_SIZE, GLASS_SIZE = 32, 16
+# Cycles' end points (cycles_precompute.cpp): of roughness, cosine and z, where 0 would divide by 0, and of z, where 1
+# is an infinite index of refraction. A table is linear between nodes, so an end moved by 1e-4 moves what is read
+# there by at most 1e-4 of a step, below the quadrature's 1e-3.
 SMALLEST, LARGEST_INDEX = 1e-4, 0.99
 # Nodes of the quadrature over facets (angle around the normal, height) and over the cosine of the view. E is then right
 # to 5e-3 where total reflection cuts the integrand off and to 1e-3 elsewhere, which a test checks with far more nodes.
