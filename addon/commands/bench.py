@@ -9,8 +9,8 @@ from __future__ import annotations
 import argparse
 from importlib import import_module
 
+from .arguments import parse_names, parse_positive, parse_size
 from .command_line import CommandError
-from .render import parse_names, parse_positive, parse_size
 
 PICTURES = ("convergence", "equal_error", "ablation", "memory", "workers")
 SECTIONS = ("accuracy", "spheres", "cost", "speed", *PICTURES)

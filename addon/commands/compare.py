@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from .arguments import parse_positive, parse_share, parse_size
 from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
-from .render import make_bar, parse_positive, parse_share, parse_size
+from .render import make_bar
 
 DEFAULT_SIZE = (192, 108)
 DEFAULT_SAMPLES = {"cycles": 64, "ray_cast": 4096}

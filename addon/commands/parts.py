@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from .. import interrupts
+from .arguments import parse_period, parse_positive, parse_tile
 from .command_line import CommandError, first_line, hide_python_output
 
 
@@ -23,31 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tile", type=parse_tile, metavar="I/N", help="render the I-th, from 1, of N tiles into a film"
     )
-    parser.add_argument("--until", type=parse_until, metavar="K", help="stop when every pixel has K of all samples")
-    parser.add_argument("--every", type=parse_seconds, metavar="SECONDS", help="between two writes of the film")
+    parser.add_argument("--until", type=parse_positive, metavar="K", help="stop when every pixel has K of all samples")
+    parser.add_argument("--every", type=parse_period, metavar="SECONDS", help="between two writes of the film")
     parser.add_argument("--skip-existing", action="store_true", help="leave out frames whose file is there and whole")
-
-
-def parse_tile(text: str) -> tuple[int, int]:
-    """Return (i, n) of 'I/N'."""
-    match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
-    if not match or not 1 <= int(match[1]) <= int(match[2]):
-        raise argparse.ArgumentTypeError(f"expected I/N, such as 3/64, the third of 64 tiles, got {text!r}")
-    return int(match[1]), int(match[2])
-
-
-def parse_until(text: str) -> int:
-    """Return a whole number of at least 1."""
-    if not re.fullmatch(r"\d{1,9}", text) or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of 1 or more, got {text!r}")
-    return int(text)
-
-
-def parse_seconds(text: str) -> float:
-    """Return seconds, 0 or more."""
-    if not re.fullmatch(r"\d{1,9}(\.\d*)?", text):
-        raise argparse.ArgumentTypeError(f"expected seconds, such as 60, got {text!r}")
-    return float(text)
 
 
 def is_film(path: Path) -> bool:

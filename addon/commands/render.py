@@ -20,6 +20,7 @@ from typing import Any
 
 from .. import interrupts
 from . import parts
+from .arguments import parse_count, parse_frames, parse_names, parse_positive, parse_seconds, parse_share, parse_size
 from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
 
 SUFFIXES = (".png", ".exr")
@@ -69,58 +70,6 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--bounces", type=parse_count, metavar="N", help="most bounces of a path, of any kind")
     parser.add_argument("--passes", type=parse_names, metavar="A,B", help="passes of a multilayer EXR: Depth,Normal")
     parser.add_argument("--precision", choices=PRECISIONS, help="how intersections are computed")
-
-
-def parse_frames(text: str) -> range:
-    """Return the frames of 'A-B', both included."""
-    match = re.fullmatch(r"(-?\d+)-(-?\d+)", text)
-    if not match or int(match[1]) > int(match[2]):
-        raise argparse.ArgumentTypeError(f"expected first-last, such as 1-24, got {text!r}")
-    return range(int(match[1]), int(match[2]) + 1)
-
-
-def parse_size(text: str) -> tuple[int, int]:
-    """Return (width, height) of 'WxH'; Blender renders from 4 to 65536 pixels a side."""
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
-    if not match or not all(4 <= int(side) <= 65536 for side in match.groups()):
-        raise argparse.ArgumentTypeError(f"expected WxH with sides from 4 to 65536, such as 640x360, got {text!r}")
-    return int(match[1]), int(match[2])
-
-
-def parse_count(text: str, lowest: int = 0) -> int:
-    """Return a whole number of at least `lowest`."""
-    if not re.fullmatch(r"\d+", text) or int(text) < lowest:
-        raise argparse.ArgumentTypeError(f"expected a whole number of {lowest} or more, got {text!r}")
-    return int(text)
-
-
-def parse_positive(text: str) -> int:
-    """Return a whole number of at least 1."""
-    return parse_count(text, lowest=1)
-
-
-def parse_share(text: str) -> float:
-    """Return the share that 'P%' or a number between 0 and 1 stands for."""
-    match = re.fullmatch(r"(\d*\.?\d+)(%?)", text)
-    share = float(match[1]) / (100 if match[2] else 1) if match else 0.0
-    if not 0 < share < 1:
-        raise argparse.ArgumentTypeError(f"expected a share between 0% and 100%, such as 1%, got {text!r}")
-    return share
-
-
-def parse_seconds(text: str) -> float:
-    """Return a number of seconds above 0."""
-    if not re.fullmatch(r"\d+(\.\d+)?", text) or float(text) == 0:
-        raise argparse.ArgumentTypeError(f"expected a number of seconds above 0, got {text!r}")
-    return float(text)
-
-
-def parse_names(text: str) -> tuple[str, ...]:
-    """Return the names of a list with commas; at least one."""
-    names = tuple(name.strip() for name in text.split(","))
-    if not all(names):
-        raise argparse.ArgumentTypeError(f"expected names with commas between them, such as Depth,Normal, got {text!r}")
-    return names
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -36,6 +36,15 @@ def parse_seconds(text: str) -> float:
     return float(text)
 
 
+def parse_share(text: str) -> float:
+    """Return the share that 'P%' or a number between 0 and 1 stands for."""
+    match = re.fullmatch(r"(\d{0,9}\.?\d{1,18})(%?)", text)
+    share = float(match[1]) / (100.0 if match[2] else 1.0) if match else 0.0
+    if not 0.0 < share < 1.0:
+        raise argparse.ArgumentTypeError(f"expected a share between 0% and 100%, such as 1%, got {text!r}")
+    return share
+
+
 def parse_names(text: str) -> tuple[str, ...]:
     """Return the names of a list with commas."""
     return tuple(name.strip() for name in text.split(","))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from raytracer.commands.render import describe_progress
+from raytracer.film.error import format_error
 from raytracer.film.film import Film
 from raytracer.film.film_file import load_film
 
@@ -27,8 +28,13 @@ def describe(film: Film) -> list[str]:
     right, top = film.left + film.width, film.bottom + film.height
     part = f"columns {film.left} to {right - 1}, rows {film.bottom} to {top - 1} from below"
     settings = ", ".join(f"{name} {value}" for name, value in choices.items() if name not in ("width", "height"))
+    error = []
+    if "Combined" in film.names:
+        known = film.measure_error()
+        error = [f"  error: {', '.join(filter(None, (format_error(known.error), known.note)))}"]
     return [
         f"{film.label}: {describe_progress(film)}, {film.statistics.trace_seconds:.1f} s, {film.statistics.rays} rays",
+        *error,
         f"  picture: {choices['width']} x {choices['height']}, {part}",
         f"  passes: {', '.join(film.names)}",
         f"  settings: {settings}",

@@ -15,7 +15,14 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from raytracer.commands.arguments import parse_names, parse_positive, parse_seconds, parse_size, parse_tile
+from raytracer.commands.arguments import (
+    parse_names,
+    parse_positive,
+    parse_seconds,
+    parse_share,
+    parse_size,
+    parse_tile,
+)
 from raytracer.files.replacing import check_replaceable
 from raytracer.film.film import Film
 from raytracer.film.film_picture import save_picture
@@ -33,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=parse_size, metavar="WxH", help="pixels; default: the file's, as in the rest")
     parser.add_argument("--samples", type=parse_positive, metavar="N", help="samples per pixel of the whole picture")
     parser.add_argument("--until", type=parse_positive, metavar="K", help="stop when every pixel has K of them")
+    parser.add_argument("--error", type=parse_share, metavar="E%%", help="end at this error of the picture")
+    parser.add_argument("--seconds", type=parse_seconds, metavar="T", help="end after so many seconds of tracing")
+    parser.add_argument("--adaptive", action="store_true", default=None, help="give more samples to noisy pixels")
     parser.add_argument("--tile", type=parse_tile, metavar="I/N", help="render the I-th, from 1, of N tiles")
     parser.add_argument("--passes", type=parse_names, metavar="A,B", help="passes, such as Combined,Depth,Normal")
     parser.add_argument("--workers", type=parse_positive, metavar="N", help="processes; default: 1")
@@ -82,7 +92,7 @@ def choose_keywords(found: dict[str, Any], arguments: argparse.Namespace) -> dic
         keywords["width"], keywords["height"] = arguments.size
     if "width" not in keywords or "height" not in keywords:
         raise ValueError(f"{arguments.file}: says no size of its picture; --size WxH does")
-    for name in ("samples", "until", "tile", "passes", "workers"):
+    for name in ("samples", "until", "error", "seconds", "adaptive", "tile", "passes", "workers"):
         if getattr(arguments, name) is not None:
             keywords[name] = getattr(arguments, name)
     return {"samples": Settings.samples, **keywords}

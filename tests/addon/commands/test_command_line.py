@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 from addon.commands import render
+from addon.commands.arguments import parse_frames, parse_size
 from addon.commands.command_line import build_parser
-from addon.commands.render import JSON_KEYS, number_path, parse_frames, parse_size
+from addon.commands.render import JSON_KEYS, number_path
 from addon.versions import blender_pass_name
 from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, read_image, save_plane
 from tests.folders import ROOT

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import raytracer
+from addon.commands.arguments import parse_tile
 from addon.commands.command_line import CommandError
-from addon.commands.parts import check_arguments, parse_tile
+from addon.commands.parts import check_arguments
 from tests.addon.commands.test_command_line import run_command
 from tests.addon.engine.engine_fixtures import read_image
 from tests.folders import ROOT

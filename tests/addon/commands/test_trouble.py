@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import pytest
 
-from addon.commands.render import parse_names
+from addon.commands.arguments import parse_names
 from addon.engine.output import measure_picture
 from raytracer.files.pictures import check_picture
 from tests.addon.engine.engine_fixtures import read_image, save_plane

@@ -13,6 +13,7 @@ import pytest
 
 import raytracer
 from raytracer.commands.command_line import main
+from raytracer.film.error import format_error
 from tests.folders import ROOT
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
 
@@ -167,3 +168,38 @@ def test_killed_twenty_times_and_resumed_it_is_the_whole(tmp_path: Path, scene_f
     last = before + 2
     assert main([*map(str, arguments[:8]), "--samples", str(last)]) == 0
     assert same(raytracer.load_film(output), expect(last))
+
+
+def test_a_render_ends_at_an_error_wherever_it_was_stopped_before(tmp_path: Path, scene_file: Path, capsys) -> None:
+    """The largest error that a film of 16 samples has: it looks there first."""
+    output = tmp_path / "film.npz"
+    bound = expect(16).error * 1.01
+    assert 0.0 < bound < 1.0
+    options = ("render", str(scene_file), "-o", str(output), *SIZE, "--samples", "64", "--error", f"{bound}")
+    assert main([*options, "--until", "5"]) == 0
+    assert main(options) == 0
+    film = raytracer.load_film(output)
+    assert (film.samples, film.ended_by) == (16, "error")
+    assert same(film, expect(64, error=bound))
+    capsys.readouterr()
+    assert main(["info", str(output)]) == 0
+    assert f"error: {format_error(film.error)}" in capsys.readouterr().out
+    assert main([*options[:-1], "0.0001%"]) == 0
+    assert raytracer.load_film(output).samples == 64
+
+
+def test_adaptive_samples_and_time_limits_reach_the_render(tmp_path: Path, scene_file: Path) -> None:
+    output = tmp_path / "film.npz"
+    options = ("render", str(scene_file), "-o", str(output), *SIZE, "--samples", "16")
+    assert main([*options, "--adaptive"]) == 0
+    assert same(raytracer.load_film(output), expect(16, adaptive=True))
+    output.unlink()
+    assert main([*options, "--samples", "4000", "--seconds", "0.2"]) == 0
+    assert raytracer.load_film(output).ended_by == "time"
+
+
+@pytest.mark.parametrize("text", ["0", "100%", "-1%", "1 %", "a", "1e-3"])
+def test_an_error_that_is_no_share_is_refused(text: str, capsys) -> None:
+    with pytest.raises(SystemExit):
+        main(["render", "scene.npz", "-o", "film.npz", f"--error={text}"])
+    assert "expected a share between 0% and 100%" in capsys.readouterr().err
