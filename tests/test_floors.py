@@ -162,3 +162,26 @@ def test_the_ray_tracer_is_imported_whole_without_blender() -> None:
     for file in list_files("raytracer"):
         blender = [name for name in list_imports(file) if name.split(".")[0] in (*BLENDER, "addon")]
         assert not blender, f"{file} imports {blender}"
+
+
+# Products of a matrix of signs and exchanged axes, which nothing rounds.
+EXACT_PRODUCTS = {"raytracer/shading/site.py"}
+# Decisions have bounds of their own, which hold for any order of sums.
+FREE_ROOMS = ("casting", "predicates")
+
+
+def test_values_of_pictures_are_summed_in_one_order() -> None:
+    """NumPy gives products of matrices to BLAS, whose order of sums, and so the last bit, is its processor's own."""
+    found = []
+    for file in list_files("raytracer"):
+        if file in EXACT_PRODUCTS or file.split("/")[1] in FREE_ROOMS:
+            continue
+        for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8"))):
+            called = node.func if isinstance(node, ast.Call) else None
+            is_product = isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult)
+            is_named = isinstance(called, ast.Attribute) and ast.unparse(called) in {
+                f"np.{name}" for name in ("dot", "inner", "vdot", "matmul", "einsum", "tensordot")
+            }
+            if is_product or is_named:
+                found.append(f"{file}:{getattr(node, 'lineno', 0)}")
+    assert not found

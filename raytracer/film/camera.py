@@ -21,7 +21,7 @@ import numpy as np
 from raytracer.arrays.types import Floats
 from raytracer.casting.rays import Rays
 from raytracer.film.panorama import find_directions, find_on_panorama, normalize_exactly, require_panorama
-from raytracer.lecture import line_through
+from raytracer.lecture import dot, line_through
 from raytracer.sampling.warps import sample_disk
 from raytracer.scene.camera import Camera
 
@@ -76,7 +76,7 @@ def panoramic_rays(camera: Camera, directions: Floats, lens: Floats | None) -> R
         is_ball = require_panorama(camera).kind == "mirror_ball"
         axis = np.array([1.0, 0.0, 0.0] if is_ball else [0.0, 0.0, -1.0])
         seen = directions.any(axis=1)
-        first = axis - (directions @ axis)[:, np.newaxis] * directions
+        first = axis - dot(directions, axis)[:, np.newaxis] * directions
         first = np.where(first.any(axis=1)[:, np.newaxis], first, np.array([0.0, 1.0, 0.0]))
         first = normalize_exactly(first)
         second = np.cross(directions, first) * (-1.0 if is_ball else 1.0)

@@ -154,7 +154,8 @@ def count_freedom(squares: Floats, width: int, interleaving: int, missed: float 
     different ones has a sum S of its own, four numbers from one distribution: the mean has the variance s^2 / 4, that
     of a chi-square would be 2 mean^2 / nu.
     """
-    total, of_squares = float(squares.sum()) + missed, float(squares @ squares) + missed * missed
+    # By sums, for they may end a render: BLAS, to which a product goes, rounds them in its processor's way.
+    total, of_squares = float(squares.sum()) + missed, float((squares * squares).sum()) + missed * missed
     freedom = NORMAL_KURTOSIS * total * total / of_squares
     if interleaving < 2:
         return freedom

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from raytracer.arrays.types import Floats
-from raytracer.arrays.vectors import normalize
+from raytracer.arrays.vectors import normalize, transform
 from raytracer.casting.geometry import pack_geometry
 from raytracer.lecture import dot, length
 from raytracer.lights.area_lights import unit_axes
@@ -136,15 +136,15 @@ def _find_uv(computed: ComputedLight, place: Floats, normal: Floats, directions:
         u, v = (dot(offset, side) / dot(side, side) for side in sides)
         return u + 0.5, v + 0.5
     if isinstance(light, SunLight):
-        x, y, _ = local @ directions.T
+        x, y, _ = transform(local, directions).T
         half = length(directions + light.direction) * np.sin(light.angle / 4.0)
         scale = np.divide(0.5, half, out=np.zeros_like(half), where=half > 0)
         return 0.5 + x * scale, 0.5 + y * scale
     if isinstance(light, SpotLight):
-        x, y, z = local @ -directions.T
+        x, y, z = transform(local, -directions).T
         scale = 0.5 / np.tan(light.spot_size / 2.0) / np.maximum(-z, np.finfo(np.float64).tiny)
         return 0.5 + x * scale, 0.5 + y * scale
-    return map_sphere(*(local @ normal.T))
+    return map_sphere(*transform(local, normal).T)
 
 
 def _is_mirrored(computed: ComputedLight) -> bool:

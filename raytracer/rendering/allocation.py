@@ -74,7 +74,7 @@ def allocate(scatter: Scatter, shape: tuple[int, int], pilot: int) -> Numbers:
         share_with_neighbors(values.reshape(shape)).ravel() for values in (scatter.variance, scatter.cost)
     )
     wanted = np.sqrt(variance / cost)
-    total = float(wanted @ scatter.cost)
+    total = float((wanted * scatter.cost).sum())  # no product: BLAS rounds it in its processor's way
     if not 0.0 < total < np.inf:
         return np.ones(len(wanted))
     share = 1.0 - 2.0 / np.sqrt(pilot)

@@ -29,6 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from raytracer.arrays.types import Floats
+from raytracer.lecture import dot
 
 # Thousands of candela per square metre to what Blender's worlds shine with.
 LUMINANCE_SCALE = 0.06
@@ -67,7 +68,7 @@ ZENITH = np.array(
 def measure_angles(directions: Floats, sun: Floats) -> tuple[Floats, Floats]:
     """Return theta and gamma (n,) of unit directions (n, 3); theta ends just above the horizon."""
     theta = np.arccos(np.clip(directions[:, 2], -1.0, 1.0))
-    return np.minimum(theta, np.pi / 2 - HORIZON), np.arccos(np.clip(directions @ sun, -1.0, 1.0))
+    return np.minimum(theta, np.pi / 2 - HORIZON), np.arccos(np.clip(dot(directions, sun), -1.0, 1.0))
 
 
 def place_sun_above(sun: Floats) -> Floats:
@@ -92,10 +93,11 @@ def _evaluate_perez(coefficients: Floats, theta: Floats, gamma: Floats) -> Float
 def evaluate_preetham(directions: Floats, sun: Floats, turbidity: float) -> Floats:
     """Return the radiance of unit directions (n, 3) as XYZ (n, 3); sun : (3,) unit."""
     height = float(np.arccos(np.clip(sun[2], -1.0, 1.0)))
-    coefficients = PEREZ @ (turbidity, 1.0)  # (3, 5)
+    coefficients = dot(PEREZ, np.array([turbidity, 1.0]))  # (3, 5)
     chi = (4.0 / 9.0 - turbidity / 120.0) * (np.pi - 2.0 * height)
     luminance = (4.0453 * turbidity - 4.9710) * np.tan(chi) - 0.2155 * turbidity + 2.4192
-    chroma = ZENITH @ (height**3, height**2, height, 1.0) @ (turbidity**2, turbidity, 1.0)  # (2,)
+    rows = dot(ZENITH, np.array([height**3, height**2, height, 1.0]))  # (2, 3)
+    chroma = dot(rows, np.array([turbidity**2, turbidity, 1.0]))  # (2,)
     zenith = np.array((LUMINANCE_SCALE * luminance, *chroma))
     zenith = zenith / _evaluate_perez(coefficients, np.zeros(1), np.array([height]))[0]
     big, x, y = (zenith * _evaluate_perez(coefficients, *measure_angles(directions, sun))).T
@@ -124,7 +126,7 @@ def find_coefficients(elevation: float, turbidity: float, albedo: float) -> tupl
     points = (1.0 - albedo) * among[:, 0] + albedo * among[:, 1]  # (3, 6, 10)
     x = np.cbrt(elevation / (np.pi / 2))
     weights = np.array([comb(5, k) * (1.0 - x) ** (5 - k) * x**k for k in range(6)])
-    found = np.einsum("k,ckn->cn", weights, points)
+    found = dot(np.moveaxis(points, 1, -1), weights)
     return found[:, :9], found[:, 9]
 
 

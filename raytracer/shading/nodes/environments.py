@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.arrays.vectors import normalize
+from raytracer.arrays.vectors import normalize, transform
 from raytracer.lecture import length
 from raytracer.sampling.direction_map import find_equirectangular
 from raytracer.scene.programs import Image
@@ -89,7 +89,7 @@ def read_sky(
 def read_preetham(site: Site, vector: Any, *, sun: Array, turbidity: float, rgb_from_xyz: Array) -> Array:
     """Preetham's sky; colors that no mixture of red, green and blue is are cut. sun : (3,) unit."""
     directions = np.broadcast_to(np.asarray(vector, float), (len(site), 3))
-    return np.maximum(evaluate_preetham(directions, sun, turbidity) @ rgb_from_xyz.T, 0.0)
+    return np.maximum(transform(rgb_from_xyz, evaluate_preetham(directions, sun, turbidity)), 0.0)
 
 
 def read_hosek_wilkie(
@@ -97,7 +97,8 @@ def read_hosek_wilkie(
 ) -> Array:
     """Hosek and Wilkie's sky, as `read_preetham`."""
     directions = np.broadcast_to(np.asarray(vector, float), (len(site), 3))
-    return np.maximum(evaluate_hosek_wilkie(directions, sun, turbidity, ground_albedo) @ rgb_from_xyz.T, 0.0)
+    light = evaluate_hosek_wilkie(directions, sun, turbidity, ground_albedo)
+    return np.maximum(transform(rgb_from_xyz, light), 0.0)
 
 
 _GENERATED = {"Vector": "ATTRIBUTE Vector generated"}
