@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import raytracer
-from raytracer.film.camera import measure_film_extent, measure_fitted_side
+from raytracer.film.camera import measure_film_extent
+from raytracer.film.sensor import measure_fitted_side
 
 from ..extract.camera import read_camera
 from ..extract.warnings import WarningList

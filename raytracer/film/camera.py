@@ -21,6 +21,7 @@ import numpy as np
 from raytracer.arrays.types import Floats
 from raytracer.casting.rays import Rays
 from raytracer.film.panorama import find_directions, find_on_panorama, normalize_exactly, require_panorama
+from raytracer.film.sensor import choose_sensor_side, measure_fitted_side
 from raytracer.lecture import dot, line_through
 from raytracer.sampling.warps import sample_disk
 from raytracer.scene.camera import Camera
@@ -139,22 +140,14 @@ def find_on_film(camera: Camera, width: int, height: int, points: Floats) -> tup
     return x, y
 
 
-def measure_fitted_side(camera: Camera, width: int, height: int) -> float:
-    """Return the length, in pixel widths, of the side of the picture that the sensor is fitted to."""
-    sides = {"horizontal": float(width), "vertical": height / camera.pixel_aspect}
-    return max(sides.values()) if camera.sensor_fit == "auto" else sides[camera.sensor_fit]
-
-
 def measure_film_extent(camera: Camera) -> float:
     """Return the length of the fitted side on the film plane, metres.
 
-    By similar triangles, sensor / focal length at a distance of 1. Blender's automatic fit takes the sensor's width
-    for either side; an orthographic camera states the extent itself.
+    By similar triangles, sensor / focal length at a distance of 1; an orthographic camera states the extent itself.
     """
     if camera.projection == "orthographic":
         return camera.ortho_scale
-    sensor = camera.sensor_height if camera.sensor_fit == "vertical" else camera.sensor_width
-    return FILM_DEPTH * sensor / camera.focal_length
+    return FILM_DEPTH * choose_sensor_side(camera) / camera.focal_length
 
 
 def _rotate(matrix: Floats, vectors: Floats) -> Floats:

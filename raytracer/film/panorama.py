@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from raytracer.arrays.types import Booleans, Floats
+from raytracer.film.sensor import choose_sensor_side, measure_fitted_side
 from raytracer.predicates.double_double import two_product, two_sum
 from raytracer.scene.camera import Camera, Panorama
 
@@ -62,11 +63,9 @@ def require_panorama(camera: Camera) -> Panorama:
 def measure_sensor(camera: Camera, width: int, height: int) -> tuple[float, float]:
     """Return width and height, mm, of the part of the sensor that a picture shows: the fitted side is the sensor's."""
     span = require_panorama(camera).span
-    sides = width / span[0], height / span[1] / camera.pixel_aspect
-    is_wide = camera.sensor_fit == "horizontal" or (camera.sensor_fit == "auto" and sides[0] > sides[1])
-    fitted = sides[0] if is_wide else sides[1]
-    sensor = camera.sensor_height if camera.sensor_fit == "vertical" else camera.sensor_width
-    return sensor * sides[0] / fitted, sensor * sides[1] / fitted
+    across, up = width / span[0], height / span[1]
+    side = choose_sensor_side(camera) / measure_fitted_side(camera, across, up)
+    return side * across, side * up / camera.pixel_aspect
 
 
 def normalize_exactly(vectors: Floats) -> Floats:

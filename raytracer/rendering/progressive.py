@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.casting.caster import Caster
-from raytracer.film.camera import measure_fitted_side
 from raytracer.film.film import Film
+from raytracer.film.sensor import choose_sensor_side, measure_fitted_side
 from raytracer.integrator.settings import Border
 from raytracer.processes.pool import Pool
 from raytracer.rendering.render import render
@@ -184,7 +184,8 @@ def coarsen(camera: Camera, width: int, height: int, factor: int) -> Camera:
         span = camera.panorama.span[0] * factor * columns / width, camera.panorama.span[1] * factor * rows / height
         return replace(camera, panorama=replace(camera.panorama, span=span))
     fit = "horizontal" if measure_fitted_side(camera, width, height) == width else "vertical"
-    fixed = replace(camera, sensor_fit=fit, sensor_height=_sensor_side(camera), sensor_width=_sensor_side(camera))
+    side = choose_sensor_side(camera)
+    fixed = replace(camera, sensor_fit=fit, sensor_height=side, sensor_width=side)
     fitted = measure_fitted_side(fixed, width, height)
     gain = factor * measure_fitted_side(fixed, columns, rows) / fitted
     return replace(
@@ -194,10 +195,6 @@ def coarsen(camera: Camera, width: int, height: int, factor: int) -> Camera:
         shift_x=((factor * columns - width) / (2 * fitted) + fixed.shift_x) / gain,
         shift_y=((factor * rows - height) / (2 * fitted * fixed.pixel_aspect) + fixed.shift_y) / gain,
     )
-
-
-def _sensor_side(camera: Camera) -> float:
-    return camera.sensor_height if camera.sensor_fit == "vertical" else camera.sensor_width
 
 
 def coarsen_border(border: Border | None, factor: int) -> Border | None:
