@@ -114,7 +114,8 @@ def set_up_small(
         np.subtract(x[q], x[p], out=slope_y[edge])
     area = constant[0] + constant[1]
     area += constant[2]
-    rows[:TOLERANCE] *= np.copysign(np.float32(1), area)  # those of nearness are filled in below
+    edges = rows[:TOLERANCE].reshape(3, FUNCTIONS, -1)[:, :EDGES]  # nearness, the fourth, is filled in below
+    edges *= np.copysign(np.float32(1), area)
     np.abs(area, out=area)
     _bound_edges(rows[TOLERANCE], x, y, base, reach, area, image)
     _set_up_nearness(rows, w, area)
