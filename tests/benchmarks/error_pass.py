@@ -1,6 +1,5 @@
 """The Error pass beside the true error: `python -m tests.benchmarks.error_pass FOLDER OUT.png [SCENE ...]`.
 
-FOLDER is what `tests.digest.export` wrote. A row for each scene: the picture, its Error pass, and the root mean square
 FOLDER is what `tests.digest.export` wrote. A row for each scene: the picture, its Error pass, and the root mean
 square error of independent pictures like it, told from all of them. Black is none; white, printed for each scene, is
 what 5% of the true errors are above, so that both passes have one scale and nothing is all white.
