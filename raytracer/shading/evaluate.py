@@ -30,6 +30,7 @@ from raytracer.scene.scene import Scene
 from raytracer.shading.nodes import (
     arithmetic,
     blackbody,
+    cells,
     color,
     environments,
     images,
@@ -48,6 +49,7 @@ LIGHT_PATH = "LIGHT_PATH "
 OPERATIONS: dict[str, Operation] = {
     **arithmetic.OPERATIONS,
     **blackbody.OPERATIONS,
+    **cells.OPERATIONS,
     **color.OPERATIONS,
     **environments.OPERATIONS,
     **images.OPERATIONS,

@@ -1,7 +1,8 @@
 """Voronoi cells in one to four dimensions: which of the points scattered over a lattice is nearest, or second.
 
 Each cell of the lattice of whole coordinates holds one point, at the cell's hash times a randomness; the nearest is
-looked for in the 3^k cells around. Points are (n, k) float64.
+looked for in the 3^k cells around. Points are (n, k) float64. What else the cells are asked for stands in
+`voronoi_edges`.
 
 References
 ----------
@@ -12,8 +13,8 @@ Blender, intern/cycles/kernel/svm/voronoi.h, util/hash.h: which hash where, the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -51,6 +52,7 @@ class Cells:
     randomness : (n,) from 0 to 1; exponent : (n,), of Minkowski's metric
     metric : a key of METRICS; second : True looks for the second nearest
     whole : True hashes cells as whole numbers, as since Blender 5.0; False as float32
+    smoothness : (n,) of the smooth minimum, or None for the minimum itself
     """
 
     randomness: Floats
@@ -58,6 +60,7 @@ class Cells:
     metric: str
     second: bool
     whole: bool
+    smoothness: Floats | None = None
 
 
 METRICS: dict[str, Callable[[Floats, Floats], Floats]] = {
@@ -102,13 +105,19 @@ def _mix(parts: list[NDArray[np.int32]]) -> None:
         parts[to] = parts[to] + parts[first] * (PCG_FACTOR if second < 0 else parts[second])
 
 
+def list_neighbors(cell: Floats, cells: Cells, reach: int = 1) -> Iterator[tuple[Floats, Floats]]:
+    """Yield the cells (n, k) as far as `reach` around cells (n, k), the first coordinate first, and their points."""
+    for reverse in product(np.arange(-float(reach), reach + 1), repeat=cell.shape[1]):
+        other = cell + reverse[::-1]
+        yield other, other + hash_cells(other, cell.shape[1], cells.whole) * cells.randomness[:, np.newaxis]
+
+
 def find_point(points: Floats, cells: Cells) -> tuple[Floats, Floats, Floats]:
     """Return of the nearest, or second nearest, point the distance (n,), the color (n, 3) and the place (n, k)."""
-    cell = np.floor(points)
+    if cells.smoothness is not None:
+        return blend_points(points, cells, cells.smoothness)
     best = [(np.full(len(points), np.inf), np.zeros_like(points), np.zeros_like(points)) for _ in range(2)]
-    for reverse in product((-1.0, 0.0, 1.0), repeat=points.shape[1]):
-        other = cell + reverse[::-1]
-        place = other + hash_cells(other, points.shape[1], cells.whole) * cells.randomness[:, np.newaxis]
+    for other, place in list_neighbors(np.floor(points), cells):
         found = (measure(place - points, cells), other, place)
         nearer, nearest = found[0] < best[0][0], best[0]
         best[0] = _take(nearer, found, nearest)
@@ -116,6 +125,30 @@ def find_point(points: Floats, cells: Cells) -> tuple[Floats, Floats, Floats]:
         best[1] = _take(later[0] < best[1][0], later, best[1])
     distance, other, place = best[1 if cells.second else 0]
     return distance, hash_cells(other, 3, cells.whole), place
+
+
+def blend_points(points: Floats, cells: Cells, smoothness: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the same as `find_point`, but with a smooth minimum of the distances to the 5^k points around.
+
+    Of one cell after the other, h = smoothstep(1/2 + (d - d_cell) / (2 s)) of what is known, d, is replaced by the
+    cell's, less s h (1 - h); color and place by (1 + 3 s)-th of that. Where the smoothness s is 0, the nearest counts.
+    """
+    cell, width = np.floor(points), np.where(smoothness > 0, smoothness, 1.0)
+    distance, color, place = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros_like(points)
+    for number, (other, found) in enumerate(list_neighbors(cell, cells, reach=2)):
+        length = measure(found - points, cells)
+        step = np.clip(0.5 + 0.5 * (distance - length) / width, 0.0, 1.0) if number else np.ones(len(points))
+        share = step * step * (3.0 - 2.0 * step)
+        less = width * share * (1.0 - share)
+        distance = distance + (length - distance) * share - less
+        share, less = share[:, np.newaxis], (less / (1.0 + 3.0 * width))[:, np.newaxis]
+        color = color + (hash_cells(other, 3, cells.whole) - color) * share - less
+        place = place + (found - cell - place) * share - less
+    sharp = smoothness <= 0
+    if sharp.any():
+        nearest = find_point(points, replace(cells, smoothness=None))
+        return _take(sharp, nearest, (distance, color, place + cell))
+    return distance, color, place + cell
 
 
 def _take(rows: NDArray[np.bool_], first: Any, second: Any) -> Any:

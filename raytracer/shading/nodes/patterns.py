@@ -1,4 +1,4 @@
-"""Textures that are computed from coordinates: Checker, Gradient, Wave, Magic, Brick, Noise, White Noise and Voronoi.
+"""Textures that are computed from coordinates: Checker, Gradient, Wave, Magic, Brick, Noise and White Noise.
 
 References
 ----------
@@ -16,7 +16,6 @@ from raytracer.lecture import length
 from raytracer.shading.nodes.arithmetic import separate
 from raytracer.shading.nodes.operation import Array, Operation, divide, mix, saturate, spread, stack
 from raytracer.textures.noise import FRACTALS, Fractal, fractal_sum, hash_numbers, perlin
-from raytracer.textures.voronoi import Cells, sum_octaves
 
 # Whole coordinates lie on borders: textures step aside from them, by Blender's amounts.
 STEP, SHRINK = 0.000001, 0.999999
@@ -234,35 +233,6 @@ def make_white_noise(vector: Any, w: Any, *, noise_dimensions: str) -> tuple[Arr
     return parts[0], stack(*parts)
 
 
-def make_voronoi(
-    vector: Any,
-    w: Any,
-    scale: Any,
-    detail: Any,
-    roughness: Any,
-    lacunarity: Any,
-    exponent: Any,
-    randomness: Any,
-    *,
-    feature: str,
-    distance: str,
-    normalize: bool,
-    voronoi_dimensions: str,
-    whole: bool,
-) -> tuple[Array, Array, Array, Array]:
-    """The distance to the nearest or second nearest of scattered points, its cell's color, and where it is."""
-    numbers = np.broadcast_arrays(*separate(vector), w, scale, detail, roughness, lacunarity, exponent, randomness)
-    x, y, z, w, scale, detail, roughness, lacunarity, exponent, randomness = (np.atleast_1d(n) for n in numbers)
-    axes = {"1D": (3,), "2D": (0, 1), "3D": (0, 1, 2), "4D": (0, 1, 2, 3)}[voronoi_dimensions]
-    points = (np.stack([x, y, z, w], axis=1) * spread(scale))[:, axes]
-    cells = Cells(saturate(randomness), exponent, distance, feature == "F2", whole)
-    length_, color, found = sum_octaves(points, cells, detail, saturate(roughness), lacunarity, normalize)
-    place = np.zeros((len(points), 4))
-    place[:, axes] = divide(found, spread(scale))
-    shape = numbers[0].shape
-    return length_.reshape(shape), color.reshape(*shape, 3), place[:, :3].reshape(*shape, 3), place[:, 3].reshape(shape)
-
-
 _NOISE = ("Vector", "W", "Scale", "Detail", "Roughness", "Lacunarity", "Offset", "Gain", "Distortion")
 _NOISE_KINDS = ("noise_dimensions", "noise_type", "normalize")
 _VECTOR = {"Vector": "ATTRIBUTE Vector generated"}
@@ -292,14 +262,6 @@ OPERATIONS = {
     ),
     "TEX_NOISE Fac": Operation(make_noise, _NOISE, ("Fac",), _NOISE_KINDS, links=_VECTOR),
     "TEX_NOISE Color": Operation(make_noise_color, _NOISE, ("Color",), _NOISE_KINDS, links=_VECTOR),
-    "TEX_VORONOI": Operation(
-        make_voronoi,
-        ("Vector", "W", "Scale", "Detail", "Roughness", "Lacunarity", "Exponent", "Randomness"),
-        ("Distance", "Color", "Position", "W"),
-        ("feature", "distance", "normalize", "voronoi_dimensions", "whole"),
-        links=_VECTOR,
-        choices={"feature": ("F1", "F2")},
-    ),
     "TEX_WHITE_NOISE": Operation(
         make_white_noise, ("Vector", "W"), ("Value", "Color"), ("noise_dimensions",), links=_VECTOR
     ),

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.versions import VERSION
 from tests.addon.against_cycles.node_fixtures import Make, add_node
 from tests.addon.against_cycles.node_sources import (
     CENTRED,
@@ -219,7 +220,7 @@ def test_bump_agrees(empty_scene: Any, record_property: Any) -> None:
 
 
 VORONOIS = {
-    f"voronoi {dimensions} {feature} {metric} {detail} {output}": make(
+    f"voronoi {dimensions} {feature} {metric} {detail} {smoothness} {output}": make(
         "ShaderNodeTexVoronoi",
         output,
         {
@@ -231,6 +232,7 @@ VORONOIS = {
             "Lacunarity": 2.1,
             "Exponent": 1.5,
             "Randomness": 0.8,
+            **({"Smoothness": smoothness} if feature == "SMOOTH_F1" else {}),
         },
         voronoi_dimensions=dimensions,
         feature=feature,
@@ -243,7 +245,13 @@ VORONOIS = {
         ("F1", "MANHATTAN", 1.4, ("Distance", "Color", "Position")),
         ("F2", "CHEBYCHEV", 1.0, ("Distance", "Color")),
         ("F1", "MINKOWSKI", 0.0, ("Distance",)),
+        ("SMOOTH_F1", "EUCLIDEAN", 1.4, ("Distance", "Color", "Position")),
+        ("SMOOTH_F1", "MANHATTAN", 0.0, ("Distance", "Color", "W")),
+        ("DISTANCE_TO_EDGE", "EUCLIDEAN", 0.0, ("Distance",)),
+        ("DISTANCE_TO_EDGE", "EUCLIDEAN", 1.4, ("Distance",)),
+        ("N_SPHERE_RADIUS", "EUCLIDEAN", 0.0, ("Radius",)),
     )
+    for smoothness in ((0.7, 0.0) if feature == "SMOOTH_F1" and detail == 0 else (0.7,))
     for output in outputs
     if (dimensions in ("1D", "4D") or output != "W") and (dimensions != "1D" or output != "Position")
 }
@@ -251,3 +259,29 @@ VORONOIS = {
 
 def test_voronoi_cells_agree(empty_scene: Any, record_property: Any) -> None:
     assert_agreement(VORONOIS, STEEP, record_property)
+
+
+GABORS = {
+    f"gabor {dimensions} {anisotropy} {output}": make(
+        "ShaderNodeTexGabor",
+        output,
+        {
+            "Vector": CENTRED,
+            "Scale": 2.3,
+            "Frequency": 1.7,
+            "Anisotropy": anisotropy,
+            "Orientation 2D": 0.6,
+            "Orientation 3D": (0.3, -0.8, 0.4),
+        },
+        gabor_type=dimensions,
+    )
+    for dimensions in ("2D", "3D")
+    for anisotropy in (0.0, 0.6, 1.0)
+    for output in ("Value", "Phase", "Intensity")
+}
+
+
+@pytest.mark.skipif(VERSION < (4, 3), reason="Gabor came with Blender 4.3")
+def test_gabor_noise_agrees(empty_scene: Any, record_property: Any) -> None:
+    """A phase jumps from 1 to 0 where the last digits decide."""
+    assert_agreement(GABORS, STEEP, record_property)
