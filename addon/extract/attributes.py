@@ -16,7 +16,8 @@ from raytracer.shading.site_tables import UNDEFORMED
 from raytracer.textures.noise import LARGEST_WORD, hash_words
 
 from .meshes import Geometry, Points, read_array, read_corners
-from .shaders.node_settings import DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND
+from .pointiness import read_pointiness
+from .shaders.node_settings import DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND, POINTINESS
 
 Values = NDArray[Any]
 
@@ -32,7 +33,7 @@ ATTRIBUTE_TYPES: dict[str, tuple[str, type, int]] = {
     "BYTE_COLOR": ("color", np.float32, 4),
 }
 # What only meshes have, under names of our own.
-UNNAMED = {DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND, UNDEFORMED}
+UNNAMED = {DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND, POINTINESS, UNDEFORMED}
 
 
 def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | None:
@@ -42,6 +43,8 @@ def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | No
         return read_generated(mesh)
     if name == ISLAND:
         return read_islands(mesh, geometry)
+    if name == POINTINESS:
+        return read_pointiness(mesh)
     if name == UNDEFORMED:  # wanted only in place of coordinates
         return None if len(mesh.uv_layers) else read_array(mesh.vertices, "undeformed_co", np.float32, 3)
     if name == DEFAULT_UV:

@@ -17,10 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.textures.noise import LARGEST_WORD, hash_words
+
 from .attributes import ATTRIBUTE_TYPES
 from .custom_properties import Color, find_first, find_property
 from .meshes import read_array, read_attribute
-from .shaders.node_settings import GIVEN_GENERATED, GIVEN_UV, INSTANCER, OBJECT
+from .shaders.node_settings import GIVEN_GENERATED, GIVEN_UV, INSTANCER, OBJECT, PARTICLE
 
 # What fills `persistent_id` beyond the levels that an instance lies in.
 NO_LEVEL = 2**31 - 1
@@ -47,7 +49,8 @@ class Level(NamedTuple):
 class InstanceReader:
     """Reads properties of the instances of one walk; levels and their attributes are read once."""
 
-    def __init__(self) -> None:
+    def __init__(self, frame: float) -> None:
+        self._frame = frame
         self._levels: dict[Any, Level] = {}
         self._attributes: dict[Any, NDArray[np.float64] | None] = {}
 
@@ -64,6 +67,8 @@ class InstanceReader:
             return np.array([*instance.uv, 0.0, 1.0]) if given else np.zeros(4)
         if kind == GIVEN_GENERATED:  # as Cycles scales it
             return np.array([*(0.5 * np.array(instance.orco) - 0.5), 1.0]) if given else np.zeros(4)
+        if kind == PARTICLE:
+            return read_particle(instance, name, self._frame)
         own = (instance.object, instance.object.data)
         if kind == OBJECT or not given:
             return find_first(own, name)
@@ -112,6 +117,38 @@ class InstanceReader:
         if (key, name) not in self._attributes:
             self._attributes[key, name] = read_colors(level.cloud, name)
         return self._attributes[key, name]
+
+
+# What Particle Info reads of a particle.
+PARTICLE_FIELDS = {
+    "Lifetime": "lifetime",
+    "Size": "size",
+    "Location": "location",
+    "Velocity": "velocity",
+    "Angular Velocity": "angular_velocity",
+}
+
+
+def read_particle(instance: Any, output: str, frame: float) -> Color:
+    """Return what Particle Info says of the particle that an instance stands for: 0 without one, and for children.
+
+    References
+    ----------
+    Blender, intern/cycles/blender/particles.cpp, sync_dupli_particle; kernel/svm/geometry.h, svm_node_particle_info.
+    """
+    system, number = instance.particle_system, instance.persistent_id[0] if instance.is_instance else 0
+    known = system is not None and number < len(system.particles)
+    if output == "Random":
+        value: Any = float(hash_words(number if known else 0, 0)) / LARGEST_WORD
+    elif not known:
+        value = 0.0
+    elif output == "Index":
+        value = number
+    elif output == "Age":
+        value = frame - system.particles[number].birth_time
+    else:
+        value = getattr(system.particles[number], PARTICLE_FIELDS[output])
+    return np.append(np.broadcast_to(np.array(value, dtype=np.float64), 3), 1.0)
 
 
 def make_level(geometry: Any, kind: str) -> Level:

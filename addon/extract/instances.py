@@ -147,7 +147,7 @@ class Context:
 
 def walk_instances(depsgraph: Any, context: Context) -> Placements:
     """Return all that a depsgraph shows and that we can show."""
-    placements, reader = Placements(), InstanceReader()
+    placements, reader = Placements(), InstanceReader(depsgraph.scene_eval.frame_current_final)
     known: dict[tuple[int, int, int], int] = {}
     for instance in depsgraph.object_instances:
         shown, data = instance.object, instance.object.data

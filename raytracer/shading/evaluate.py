@@ -38,7 +38,10 @@ from raytracer.shading.nodes import (
     mapping,
     normals,
     patterns,
+    photometry,
     ramps,
+    shapes,
+    wavelength,
 )
 from raytracer.shading.nodes.operation import Array, Operation
 from raytracer.shading.site import Site
@@ -57,7 +60,10 @@ OPERATIONS: dict[str, Operation] = {
     **mapping.OPERATIONS,
     **normals.OPERATIONS,
     **patterns.OPERATIONS,
+    **photometry.OPERATIONS,
     **ramps.OPERATIONS,
+    **shapes.OPERATIONS,
+    **wavelength.OPERATIONS,
 }
 
 Outputs = dict[Register, Any]

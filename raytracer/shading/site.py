@@ -97,6 +97,10 @@ class Site:
         """The numbers of the groups that the spheres of some rows are of."""
         return self.surface.instance[rows] - len(self.tables.geometry.instance_mesh)
 
+    def find_spheres(self, rows: Any) -> NDArray[np.int64]:
+        """The numbers of the spheres that some rows are on, among all of the scene."""
+        return self.tables.first_sphere[self._group(rows)] + self.surface.primitive[rows]
+
     def has_attribute(self, name: str) -> Booleans:
         """(n,) True where the mesh, or the group of spheres, has the attribute."""
         return self.attribute_width(name) > 0
@@ -121,7 +125,7 @@ class Site:
             yield rows, gather_corners(table, mesh, surface.primitive[rows], surface.barycentric[rows])
         rows = np.flatnonzero(has & ~is_triangle)
         if len(rows):
-            yield rows, tables.sphere_values[name][tables.first_sphere[self._group(rows)] + surface.primitive[rows]]
+            yield rows, tables.sphere_values[name][self.find_spheres(rows)]
 
     def read_tangent(self, name: str) -> tuple[Floats, Floats]:
         """(n, 3) the tangent for coordinates `name` in object space, interpolated and so not of unit length, and (n,)

@@ -6,13 +6,16 @@ Most are the node's own properties under the same names; a reader stands here fo
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol
 
+import bpy
 import numpy as np
 
 from raytracer.scene.programs import Program, TiledImage
 from raytracer.shading.evaluate import OPERATIONS
 from raytracer.shading.nodes.ramps import TABLE_SIZE
+from raytracer.textures.ies import Luminaire, read_ies
 
 from ... import versions
 from ..custom_properties import find_layer
@@ -21,10 +24,11 @@ from .nodes import Groups, WarningContext, find_link, find_socket
 from .skies import read_daylight_settings, read_sky_settings
 
 # The attributes that Blender's nodes read without naming them.
-DEFAULT_UV, DEFAULT_COLOR, GENERATED, ISLAND = "uv", "vertex_color", "generated", "random per island"
+DEFAULT_UV, DEFAULT_COLOR, GENERATED = "uv", "vertex_color", "generated"
+ISLAND, POINTINESS = "random per island", "pointiness"
 
 # What materials read of instances: kinds of properties, whose names follow, and what an instancer gives its instances.
-OBJECT, INSTANCER = "OBJECT", "INSTANCER"
+OBJECT, INSTANCER, PARTICLE = "OBJECT", "INSTANCER", "PARTICLE"
 GIVEN_GENERATED, GIVEN_UV = "GIVEN_GENERATED", "GIVEN_UV"
 
 Settings = dict[str, Any]
@@ -77,9 +81,11 @@ def read_attribute_name(builder: Builder, node: Any, groups: Groups, output: str
 
 
 def read_property_name(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
-    """Attribute of type Object or Instancer, and From Instancer: which of the properties gathered per instance."""
+    """Attribute of type Object or Instancer, From Instancer, Particle Info: which of the properties of instances."""
     if node.type == "ATTRIBUTE":
         return {"name": f"{node.attribute_type} {node.attribute_name}"}
+    if node.type == "PARTICLE_INFO":
+        return {"name": f"{PARTICLE} {output}"}
     return {"name": GIVEN_GENERATED if output == "Generated" else GIVEN_UV}
 
 
@@ -192,6 +198,24 @@ def read_voronoi(builder: Builder, node: Any, groups: Groups, output: str) -> Se
     return {**{name: getattr(node, name) for name in names}, "whole": versions.has_whole_cells()}
 
 
+def read_luminaire(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    """IES Texture: the tables of its text or file; empty ones where there is nothing to be read."""
+    table = Luminaire(*[np.empty(0)] * 3)
+    try:
+        table = read_ies(read_text(node))
+    except (OSError, ValueError) as error:
+        builder.place.warn(f"node '{node.name}' (IES Texture): {error}; it shines evenly, as in Cycles")
+    return table._asdict()
+
+
+def read_text(node: Any) -> str:
+    """Return the text of a node that names a text or a file."""
+    if node.mode == "INTERNAL":
+        return "" if node.ies is None else str(node.ies.as_string())
+    path = bpy.path.abspath(node.filepath, library=node.id_data.library)
+    return Path(path).read_text(encoding="latin-1")
+
+
 READERS: dict[str, Reader] = {
     **{f"ATTRIBUTE {output}": read_attribute_name for output in ("Vector", "Fac", "Alpha")},
     **{f"OBJECT_PROPERTY {output}": read_property_name for output in ("Vector", "Fac", "Alpha")},
@@ -213,10 +237,13 @@ READERS: dict[str, Reader] = {
     "NORMAL Normal": read_direction,
     "NORMAL Dot": read_direction,
     "TANGENT UV_MAP": lambda builder, node, groups, output: {"name": node.uv_map or DEFAULT_UV},
-    "TANGENT RADIAL": lambda builder, node, groups, output: {"axis": node.axis, "name": GENERATED},
+    # Geometry's tangent runs around z.
+    "TANGENT RADIAL": lambda builder, node, groups, output: {"axis": getattr(node, "axis", "Z"), "name": GENERATED},
     "OBJECT_INFO Material Index": read_material_index,
+    "NEW_GEOMETRY Pointiness": lambda builder, node, groups, output: {"name": POINTINESS},
     "NEW_GEOMETRY Random Per Island": lambda builder, node, groups, output: {"name": ISLAND},
     "AMBIENT_OCCLUSION": read_occlusion,
     "VECTOR_DISPLACEMENT": lambda builder, node, groups, output: {"space": node.space, "name": DEFAULT_UV},
     "TEX_VORONOI": read_voronoi,
+    "TEX_IES": read_luminaire,
 }

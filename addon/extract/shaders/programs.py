@@ -266,6 +266,9 @@ ALIASES = {
     "ATTRIBUTE Color": "ATTRIBUTE Vector",
     "VERTEX_COLOR Color": "ATTRIBUTE Vector",
     "UVMAP UV": "ATTRIBUTE Vector",
+    "NEW_GEOMETRY Tangent": "TANGENT RADIAL",
+    **{f"PARTICLE_INFO {output}": "OBJECT_PROPERTY Fac" for output in ("Index", "Random", "Age", "Lifetime", "Size")},
+    **{f"PARTICLE_INFO {output}": "OBJECT_PROPERTY Vector" for output in ("Location", "Velocity", "Angular Velocity")},
     "TEX_COORD Generated": "ATTRIBUTE Vector",
     "TEX_COORD UV": "ATTRIBUTE Vector",
 }

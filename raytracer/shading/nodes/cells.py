@@ -38,7 +38,7 @@ def make_voronoi(
     normalize: bool,
     voronoi_dimensions: str,
     whole: bool,
-) -> tuple[Array, Array, Array, Array, Array]:
+) -> tuple[Array, ...]:
     """What scattered points are asked for: of the nearest, second nearest or a smooth mixture the distance, its cell's
     color, and where it is (place and w); the distance to the cell's edge; or the radius of the largest sphere."""
     inputs = (*separate(vector), w, scale, detail, roughness, lacunarity, smoothness, exponent, randomness)
@@ -75,7 +75,7 @@ def make_gabor(
     direction: Any,
     *,
     gabor_type: str,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, ...]:
     """Waves of one frequency that come and go: their value from 0 to 1, their phase as a share of a turn, and how
     strong they are."""
     axes = 2 if gabor_type == "2D" else 3

@@ -192,6 +192,7 @@ OPERATIONS = {
     "NEW_GEOMETRY Incoming": _read(lambda site: site.outgoing, "Incoming"),
     "NEW_GEOMETRY Parametric": _read(lambda site: site.parametric, "Parametric"),
     "NEW_GEOMETRY Backfacing": _read(lambda site: (~site.front).astype(np.float64), "Backfacing"),
+    "NEW_GEOMETRY Pointiness": _attribute(read_factor, "Pointiness"),
     "NEW_GEOMETRY Random Per Island": _attribute(read_factor, "Random Per Island"),
     "OBJECT_INFO Location": _read(lambda site: site.object_location, "Location"),
     "OBJECT_INFO Color": _read(lambda site: site.object_color[:, :3], "Color"),

@@ -69,7 +69,7 @@ def bump(
     program, which `evaluate` runs at three places.
     """
     count = len(site)
-    along, across = _pixel_axes(site)
+    along, across = pixel_axes(site)
     width = spread(np.broadcast_to(np.asarray(filter_width, float), (count,)))
     centre, right, up = (
         np.broadcast_to(evaluate(height, place), (count,))
@@ -108,7 +108,7 @@ def displace_freely(site: Site, vector: Any, midlevel: Any, scale: Any, *, space
     return moved if space == "WORLD" else site.to_world(moved, "OBJECT", "VECTOR")
 
 
-def _pixel_axes(site: Site) -> tuple[Array, Array]:
+def pixel_axes(site: Site) -> tuple[Array, Array]:
     """Two vectors (n, 3) of a pixel's size at right angles in the flat surface, those of Cycles (make_orthonormals)."""
     x, y, z = site.geometric_normal.T
     even = (x == y) & (x == z)

@@ -261,13 +261,15 @@ def test_bump_runs_its_height_as_a_program_of_its_own(tree: Any) -> None:
 
 
 def test_an_unknown_node_is_named_and_the_rest_goes_on(tree: Any) -> None:
-    bevel = tree.nodes.new("ShaderNodeWireframe")
-    total = add_node(tree, "ShaderNodeMath", {"Value": bevel.outputs[0], "Value_001": 1.0})
+    node = tree.nodes.new("ShaderNodeShaderToRGB")
+    total = add_node(tree, "ShaderNodeMath", {"Value": node.outputs["Alpha"], "Value_001": 1.0})
     total.inputs[0].default_value = 0.25
     show(tree, total.outputs[0])
     assert_allclose(extract_color(), 1.25)
     (text,) = texts()
-    assert text.startswith("material 'Material', object 'Object': node 'Wireframe' (Wireframe) is not supported")
+    assert text.startswith(
+        "material 'Material', object 'Object': node 'Shader to RGB' (Shader to RGB) is not supported"
+    )
     assert "'Value' of node 'Math' keeps its own value" in text
 
 
