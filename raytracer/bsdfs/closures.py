@@ -118,6 +118,7 @@ class Shading:
     lobes : microfacet lobes, each for some of the points
     tilted : other diffuse parts
     frequency : (n,) float64, factor of the angle between diffuse parts' normals and light (`terminator`); None for 1
+    holdout : (n,) float64, share of the surface that is a hole in the picture; None where no material has one
     """
 
     normal: Floats
@@ -129,6 +130,7 @@ class Shading:
     lobes: tuple[Microfacets, ...]
     tilted: tuple[TiltedDiffuse, ...] = ()
     frequency: Floats | None = None
+    holdout: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.normal)

@@ -143,15 +143,26 @@ def cut_holes(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hi
     if integrator.holdout is None:
         return paths, hits
     cut = paths.direct & integrator.holdout[hits.instance]
-    if integrator.settings.transparent:
-        passes.background[paths.row[cut]] += mean_column(paths.throughput[cut])
+    passes.background[paths.row[cut]] += mean_column(paths.throughput[cut])
     return paths.select(~cut), hits.select(~cut)
 
 
+def punch_holes(passes: PathPasses, wave: Wave) -> Booleans | None:
+    """Take the holdout closures of surfaces that are seen straight out of the picture, whatever its background; return
+    where nothing else is left (n,), or None where no material has any."""
+    paths, holdout = wave.paths, wave.shading.holdout
+    if holdout is None:
+        return None
+    rows = np.flatnonzero(paths.direct)
+    passes.background[paths.row[rows]] += mean_column(paths.throughput[rows]) * holdout[rows]
+    return holdout >= 1.0
+
+
 def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> None:
-    """Fill the passes that describe the first opaque surface straight ahead of the camera."""
+    """Fill the passes that describe the first opaque surface straight ahead of the camera; what is a hole is none."""
     paths, surface, shading = wave.paths, wave.surface, wave.shading
-    direct = np.flatnonzero(paths.direct)
+    holes = punch_holes(passes, wave)
+    direct = np.flatnonzero(paths.direct if holes is None else paths.direct & ~holes)
     passes.add("Diffuse Color", paths.row[direct], (paths.throughput * shading.sum_diffuse())[direct])
     if len(direct) and ("Glossy Color" in passes.values or "Transmission Color" in passes.values):
         for name, color in zip(("Glossy Color", "Transmission Color"), sum_lobe_colors(shading), strict=True):

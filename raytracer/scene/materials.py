@@ -37,7 +37,7 @@ CLOSURE_RANGES = {
 }
 CLOSURE_KINDS = (
     *("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission"),
-    *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon"),
+    *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon", "holdout"),
 )
 DISTRIBUTIONS = ("ggx", "beckmann")
 
@@ -51,7 +51,7 @@ def shines(kind: str, name: str) -> bool:
 class Closure:
     """One scattering or emitting part of a material; each parameter is a constant or a Register of its program.
 
-    kind : one of CLOSURE_KINDS
+    kind : one of CLOSURE_KINDS; a holdout is black, and a hole in the picture's alpha where it is seen straight
     weight : factor in the material's sum (Mix and Add Shader fold into it)
     color : linear RGB; base color of a principled closure, radiance scale of an emission, reflectance of a metal at
         normal incidence, index of refraction of a conductor

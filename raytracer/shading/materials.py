@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column
+from raytracer.arrays.rows import any_column, mean_column
 from raytracer.arrays.types import Booleans, Floats, Integers
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.closure_nodes import SCATTERING
@@ -47,6 +47,8 @@ class MaterialTable:
     transparency : (materials, 3) float64, share of light that passes straight through; NaN likewise
     pass_index : (materials,) int32
     stops_light : (materials,) bool, True where nothing passes through to cast light
+    holdout : (materials, 3) float64, share that is a hole in the picture, NaN where a program computes it; None where
+        no material has one
     computed : None where all materials are constant
     """
 
@@ -57,6 +59,7 @@ class MaterialTable:
     pass_index: Integers
     stops_light: Booleans
     computed: ComputedMaterials | None = None
+    holdout: Floats | None = None
 
 
 def has_weight(closure: Closure) -> bool:
@@ -82,6 +85,9 @@ def make_material_table(scene: Scene, sites: SiteTables | None = None) -> Materi
         pass_index=np.array([material.pass_index for material in scene.materials], dtype=np.int32),
         stops_light=np.array([not material.transparent_shadow for material in scene.materials], dtype=np.bool_),
         computed=None if sites is None else make_computed_materials(kept, scene, sites),
+        holdout=_sum_colors(kept, _holdout_of)
+        if any(item.kind == "holdout" for items in kept for item in items)
+        else None,
     )
 
 
@@ -105,6 +111,12 @@ def _transparency_of(kind: str, closures: Closures) -> Floats:
     if kind == "principled":
         return np.repeat(weight * (1.0 - closures.alpha[:, np.newaxis]), 3, axis=1)
     return weight * closures.color if kind == "transparent" else np.zeros_like(closures.color)
+
+
+def _holdout_of(kind: str, closures: Closures) -> Floats:
+    """(k, 3) the share of the surface that closures of one kind make a hole of."""
+    weight = np.repeat(closures.weight[:, np.newaxis], 3, axis=1)
+    return weight if kind == "holdout" else 0.0 * weight
 
 
 def _select_parameters(table: MaterialTable, slot: int, material: Integers, rows: Any, columns: Columns) -> Closures:
@@ -185,6 +197,9 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
         transparency=_sum_parts(table, None, surface, path, table.transparency, _transparency_of, columns),
         diffuse=np.zeros((len(surface), 3)),
         lobes=(),
+        holdout=None
+        if table.holdout is None
+        else mean_column(_sum_parts(table, None, surface, path, table.holdout, _holdout_of, columns)),
     )
     for slot, kinds in enumerate(table.kinds):
         kind_of_hit = kinds[surface.material]

@@ -1,7 +1,7 @@
 """Shader nodes to the fields of closures: one reader for each node, listed in `CLOSURE_READERS`.
 
 Stand-ins, each with a warning: a shader that reflects colored light in a way we lack becomes diffuse (Subsurface, Hair)
-of its own color; any other becomes the default grey diffuse; Holdout becomes black. Inputs that have no effect are
+of its own color; any other becomes the default grey diffuse. Inputs that have no effect are
 named (`UNSUPPORTED_INPUTS`). A new node is one function and one row of the table.
 """
 
@@ -244,8 +244,7 @@ def read_emission(inputs: NodeInputs) -> Fields:
 
 
 def read_holdout(inputs: NodeInputs) -> Fields:
-    inputs.place.warn(f"node '{inputs.node.name}' (Holdout) is not supported, the surface is black")
-    return {"kind": "diffuse", "color": 0.0}
+    return {"kind": "holdout"}
 
 
 def read_stand_in(inputs: NodeInputs) -> Fields:
