@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from raytracer.shading.site_tables import UNDEFORMED
 from raytracer.textures.noise import LARGEST_WORD, hash_words
 
-from .meshes import Geometry, Points, read_array, read_corners
+from .displacing import SMOOTH, VERTEX_NORMAL
+from .meshes import Geometry, Points, read_array, read_attribute, read_corners
 from .pointiness import read_pointiness
 from .shaders.node_settings import DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND, POINTINESS
 
@@ -33,7 +34,7 @@ ATTRIBUTE_TYPES: dict[str, tuple[str, type, int]] = {
     "BYTE_COLOR": ("color", np.float32, 4),
 }
 # What only meshes have, under names of our own.
-UNNAMED = {DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND, POINTINESS, UNDEFORMED}
+UNNAMED = {DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND, POINTINESS, SMOOTH, UNDEFORMED, VERTEX_NORMAL}
 
 
 def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | None:
@@ -45,6 +46,12 @@ def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | No
         return read_islands(mesh, geometry)
     if name == POINTINESS:
         return read_pointiness(mesh)
+    if name == VERTEX_NORMAL:
+        return read_array(mesh.vertex_normals, "vector", np.float32, 3)
+    if name == SMOOTH:
+        sharp = read_attribute(mesh, "sharp_face", "value", np.bool_)
+        smooth = np.ones(len(geometry.polygons)) if sharp is None else 1.0 - sharp[geometry.polygons]
+        return np.repeat(smooth, 3).reshape(-1, 3, 1)
     if name == UNDEFORMED:  # wanted only in place of coordinates
         return None if len(mesh.uv_layers) else read_array(mesh.vertices, "undeformed_co", np.float32, 3)
     if name == DEFAULT_UV:

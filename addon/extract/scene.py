@@ -14,6 +14,7 @@ import raytracer
 from .. import versions
 from .camera import extract_camera
 from .custom_properties import read_layer_of
+from .displacing import displace_meshes
 from .instance_order import Shapes
 from .instances import Context, ObjectKey, walk_instances, warn_missing
 from .kept import Kept
@@ -88,13 +89,17 @@ def _extract_scene(
         extents = np.array([geometry.extent for geometry in meshes.geometries]).reshape(-1, 3)
         shapes = Shapes(meshes.records, extents, materials.records)
     placed = place_parts(placements, warnings, with_info, shapes)
+    records = meshes.records
+    if materials is not None and materials.displacements:
+        records, displaced = displace_meshes(records, placed.instances, materials.displacements, last.displaced)
+        last.displaced = displaced
     world = None
     if view_layer.use_sky and not geometry_only:
         world = extract_world(versions.find_world(scene, view_layer), warnings, images)
     if kept is not None and materials is not None:
         kept.replace(context.entries, meshes.finish(), materials)
     record = raytracer.Scene(
-        meshes=meshes.records,
+        meshes=records,
         spheres=placed.spheres,
         instances=placed.instances,
         materials=materials.records if materials else (),

@@ -14,11 +14,13 @@ import numpy as np
 
 import raytracer
 from raytracer.scene.programs import Program, Register, Value
+from raytracer.shading.displacement import Displacement
 from raytracer.shading.evaluate import list_attributes, list_steps
 from raytracer.shading.site_tables import TANGENT, UNDEFORMED
 
 from ... import versions
 from ..custom_properties import find_layer
+from ..displacing import SMOOTH, VERTEX_NORMAL
 from ..kept import Kept
 from ..warnings import Warning, WarningList
 from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
@@ -157,7 +159,7 @@ def extract_material(material: Any, object_name: str, images: ImageTable, warnin
         closures = [raytracer.Closure("diffuse", color=read_color(material.diffuse_color))]
     else:
         closures = read_output(versions.find_output_node(node_tree), builder)
-    normal = None if node_tree is None else read_displacement(material, node_tree, builder)
+    normal = None if node_tree is None else read_bump(material, node_tree, builder)
     return raytracer.Material(
         closures,
         pass_index=material.pass_index,
@@ -181,26 +183,43 @@ def list_properties(program: Program) -> frozenset[str]:
     return frozenset(step.settings["name"] for step in list_steps(program) if step.operation in PROPERTY_READERS)
 
 
-def read_displacement(material: Any, node_tree: Any, builder: ProgramBuilder) -> Register | None:
-    """Return the normal of a surface that a displacement bends as a bump, or None where nothing displaces it.
+def find_displacement_socket(material: Any, methods: tuple[str, ...]) -> Any:
+    """Return the socket that a material's displacement feeds, or None where none does or it is of another method."""
+    node_tree = versions.find_node_tree(material) if material.displacement_method in methods else None
+    output = None if node_tree is None else versions.find_output_node(node_tree)
+    socket = None if output is None else output.inputs["Displacement"]
+    return None if socket is None or find_link(socket) is None else socket
+
+
+def read_displacement(material: Any, place: WarningContext, images: ImageTable) -> Displacement | None:
+    """Return what moves the surface of a material, or None where nothing does."""
+    socket = find_displacement_socket(material, ("DISPLACEMENT", "BOTH"))
+    if socket is None:
+        return None
+    builder = ProgramBuilder(place, images, material.pass_index)
+    moved = builder.value_of(socket, (), "vector")
+    return Displacement(Program(builder.steps), moved, material.displacement_method == "DISPLACEMENT")
+
+
+def read_bump(material: Any, node_tree: Any, builder: ProgramBuilder) -> Register | None:
+    """Return the normal of a surface that a displacement bends as a bump, or None where none does.
 
     As in Cycles (scene/shader_graph.cpp, bump_from_displacement) the height is the part of the displacement along the
-    normal, its slope that over a tenth of a pixel. Where geometry should move, the bump stands in for it.
+    normal, its slope that over a tenth of a pixel.
     """
-    output = versions.find_output_node(node_tree)
-    socket = None if output is None else output.inputs["Displacement"]
-    if socket is None or find_link(socket) is None:
+    socket = find_displacement_socket(material, ("BUMP", "BOTH"))
+    if socket is None:
         return None
     inner = ProgramBuilder(builder.place, builder.images, builder.pass_index, builder)
     moved = inner.value_of(socket, (), "vector")
     if not isinstance(moved, Register):
         return None
-    if material.displacement_method != "BUMP":
-        builder.place.warn("displacement moves no geometry, it is shown as a bump")
     normal = inner.add("NEW_GEOMETRY Normal", ())["Normal"]
     height = inner.add("VECT_MATH Value", (moved, normal), {"operation": "DOT_PRODUCT"})["Value"]
     inputs = (1.0, 1.0, FILTER_WIDTH, builder.add("NEW_GEOMETRY Normal", ())["Normal"])
     settings = {"height": Program(inner.steps, height), "invert": False}
+    if material.displacement_method == "BOTH":
+        settings["of_object"] = True
     bent = builder.add("BUMP", inputs, settings)["Normal"]
     assert isinstance(bent, Register)
     return bent
@@ -231,6 +250,7 @@ class MaterialEntry:
     object_name : where it was met first, which its warnings say
     attributes, properties : names of those of meshes and of instances that it reads
     warnings : what could not be honoured
+    displacement : what moves its surface, or None
     moves : True where it shows an image sequence or properties of the view layer, which change though nothing says so
     """
 
@@ -241,6 +261,7 @@ class MaterialEntry:
     warnings: tuple[Warning, ...]
     moves: bool = False
     properties: frozenset[str] = frozenset()
+    displacement: Displacement | None = None
 
 
 class MaterialTable:
@@ -279,15 +300,24 @@ class MaterialTable:
 
     def _read(self, material: Any, identity: int, object_name: str) -> MaterialEntry:
         own, sequences, layer = WarningList(), self.images.sequences, find_layer()
-        reads = layer.reads
+        reads, displacement = layer.reads, None
         if material is None:
             record = raytracer.Material((raytracer.Closure(versions.default_shader(), color=GREY),), name="default")
         else:
             record = extract_material(material, object_name, self.images, own)
-        attributes = list_attributes(record.program) if record.program else ()
-        properties = list_properties(record.program) if record.program else frozenset()
+            place = WarningContext(own, object_name, material.name)
+            displacement = read_displacement(material, place, self.images)
+        programs = [] if record.program is None else [record.program]
+        attributes: set[str] = set()
+        if displacement is not None:
+            programs.append(displacement.program)
+            attributes = {VERTEX_NORMAL, SMOOTH}
+        attributes |= {name for program in programs for name in list_attributes(program)}
+        properties = frozenset(name for program in programs for name in list_properties(program))
         moves = self.images.sequences > sequences or layer.reads > reads
-        return MaterialEntry(identity, object_name, record, frozenset(attributes), own.records, moves, properties)
+        return MaterialEntry(
+            identity, object_name, record, frozenset(attributes), own.records, moves, properties, displacement
+        )
 
     def _add(self, entry: MaterialEntry) -> None:
         self._indices[entry.identity] = len(self.entries)
@@ -309,9 +339,15 @@ class MaterialTable:
         return frozenset().union(*(self.entries[index].properties for index in indices))
 
     @property
+    def displacements(self) -> dict[int, Displacement]:
+        """What moves surfaces, by the index of their material."""
+        return {k: entry.displacement for k, entry in enumerate(self.entries) if entry.displacement is not None}
+
+    @property
     def read_object_info(self) -> bool:
         """True where a material reads the random number or the color of its object."""
         programs = [record.program for record in self.records if record.program is not None]
+        programs += [each.program for each in self.displacements.values()]
         return any(step.operation in OBJECT_READERS for program in programs for step in list_steps(program))
 
     def find_slots(self, slots: Any, used: Sequence[int], override: Any, object_name: str) -> tuple[int, ...]:

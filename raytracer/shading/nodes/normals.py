@@ -62,11 +62,14 @@ def bump(
     height: Program,
     invert: bool,
     evaluate: Callable[[Program, Site], Array],
+    of_object: bool = False,
 ) -> Array:
     """The normal of the surface raised by distance times the height, to first order (Mikkelsen).
 
     The height's slope is a difference over `filter_width` pixels along two directions in the flat surface; it is a
     program, which `evaluate` runs at three places.
+
+    of_object : True measures slopes in the object's space, as for what also moves its geometry
     """
     count = len(site)
     along, across = pixel_axes(site)
@@ -76,6 +79,9 @@ def bump(
         for place in (site, site.shift(along * width), site.shift(across * width))
     )
     normal = np.broadcast_to(np.asarray(normal, float), (count, 3))
+    if of_object:
+        normal = site.normal_to_object(normal)
+        along, across = (site.from_world(axis, "OBJECT", "VECTOR") for axis in (along, across))
     over_x, over_y = cross(across, normal), cross(normal, along)
     determinant = spread(dot(along, over_x))
     slope = spread(right - centre) * over_x + spread(up - centre) * over_y
@@ -83,7 +89,8 @@ def bump(
     raised = normalize(width * np.abs(determinant) * normal - reach * np.sign(determinant) * slope)
     share = spread(np.maximum(np.broadcast_to(np.asarray(strength, float), (count,)), 0.0))
     blended = normalize(share * raised + (1.0 - share) * normal)
-    return np.where((raised != 0).any(axis=1, keepdims=True), blended, normal)
+    found = np.where((raised != 0).any(axis=1, keepdims=True), blended, normal)
+    return site.normal_to_world(found) if of_object else found
 
 
 def displace(site: Site, height: Any, midlevel: Any, scale: Any, normal: Any, *, space: str) -> Array:

@@ -1,4 +1,4 @@
-"""Displacement that is shown as a bump, against Cycles, point by point."""
+"""Displacement as a bump, and of geometry, against Cycles, point by point."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.extract.kept import Changes, Kept
 from addon.extract.scene import extract_scene
 from blend_scenes import building
 from tests.addon.against_cycles.node_fixtures import add_node, render_centres, render_cycles
@@ -73,6 +74,15 @@ def place_ball(surface: Callable[[Any], Any], moved: Callable[[Any], Any], metho
     return material
 
 
+def assert_tiles_agree() -> None:
+    """Cycles takes slopes of what moves and bends where the surface was, ours where it is: pixels differ, not tiles."""
+    (ours, warnings), cycles = render_centres(96, 72), render_cycles(96, 72)
+    assert not warnings
+    difference = np.abs((ours - cycles).reshape(9, 8, 12, 8, 3).mean(axis=(1, 3)))
+    assert difference.max() < 0.01 * ours.max()
+    assert abs(ours.mean() - cycles.mean()) < 1e-3 * ours.mean()
+
+
 def assert_points_agree() -> None:
     (ours, warnings), cycles = render_centres(96, 72), render_cycles(96, 72)
     assert not warnings
@@ -96,12 +106,69 @@ def test_all_of_the_surface_is_bent_by_its_displacement(surface: str) -> None:
     assert_points_agree()
 
 
-@pytest.mark.parametrize("method", ["DISPLACEMENT", "BOTH"])
-def test_geometry_that_should_move_is_shown_as_a_bump_and_named(method: str) -> None:
-    place_ball(SURFACES["diffuse"], displacement, method)
+@SAME_FADING
+@pytest.mark.parametrize("moved", DISPLACEMENTS)
+def test_geometry_that_a_displacement_moves_agrees(moved: str) -> None:
+    place_ball(SURFACES["diffuse"], DISPLACEMENTS[moved], "DISPLACEMENT")
+    assert_points_agree()
+
+
+@SAME_FADING
+@pytest.mark.parametrize("smooth", [True, False], ids=["smooth", "flat"])
+@pytest.mark.parametrize("moved", [name for name in DISPLACEMENTS if name != "a bare color"])
+def test_geometry_that_moves_and_is_bent_agrees(moved: str, smooth: bool) -> None:
+    """Not where the ball moves by half its size, and slopes here and there differ by 3% of the light in a tile."""
+    place_ball(SURFACES["diffuse"], DISPLACEMENTS[moved], "BOTH")
+    ball = bpy.data.objects["Ball"]
+    ball.data.polygons.foreach_set("use_smooth", [smooth] * len(ball.data.polygons))
+    assert_tiles_agree()
+
+
+@pytest.mark.parametrize("smooth", [True, False], ids=["smooth", "flat"])
+def test_moved_meshes_keep_their_flat_faces(smooth: bool) -> None:
+    """A ball that is scaled and turned, with a second material that moves nothing on some of its faces."""
+    place_ball(SURFACES["diffuse"], displacement, "DISPLACEMENT")
+    ball = bpy.data.objects["Ball"]
+    ball.scale, ball.rotation_euler = (1.1, 1.1, 1.1), (0.4, 0.3, 0.2)
+    ball.data.materials.append(building.make_shader("Still", "Diffuse", (0.2, 0.6, 0.8)))
+    polygons = ball.data.polygons
+    polygons.foreach_set("use_smooth", [smooth] * len(polygons))
+    polygons.foreach_set("material_index", [int(k % 7 == 0) for k in range(len(polygons))])
+    assert_points_agree()
+
+
+def test_a_constant_displacement_moves_geometry_and_bends_nothing() -> None:
+    """In world space, though the object is turned and scaled."""
+    material = place_ball(
+        SURFACES["diffuse"], lambda tree: add_node(tree, "ShaderNodeCombineXYZ", {"X": 0.5}).outputs[0]
+    )
+    before = extract_scene(bpy.context.evaluated_depsgraph_get()).scene
+    material.displacement_method = "DISPLACEMENT"
+    ball = bpy.data.objects["Ball"]
+    ball.rotation_euler, ball.scale = (0.3, 0.2, 0.9), (1.0, 2.0, 1.0)
     extraction = extract_scene(bpy.context.evaluated_depsgraph_get())
-    assert ["shown as a bump" in warning.text for warning in extraction.warnings] == [True]
-    assert [material.normal is not None for material in extraction.scene.materials].count(True) == 1
+    assert not extraction.warnings
+    number = next(k for k, mesh in enumerate(extraction.scene.meshes) if mesh.name == "Ball")
+    (row,) = np.flatnonzero(extraction.scene.instances.mesh == number)
+    linear = extraction.scene.instances.world_from_object[row, :3, :3]
+    moved = extraction.scene.meshes[number].positions - before.meshes[number].positions
+    np.testing.assert_allclose(moved @ linear.T, np.broadcast_to((0.5, 0.0, 0.0), moved.shape), atol=1e-12)
+    np.testing.assert_array_equal(extraction.scene.meshes[number].attributes.keys(), [])
+
+
+def test_what_does_not_change_is_not_moved_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    material = place_ball(SURFACES["diffuse"], displacement, "DISPLACEMENT")
+    kept = Kept()
+    first = extract_scene(bpy.context.evaluated_depsgraph_get(), kept=kept).scene
+    kept.changes = Changes()
+    bpy.data.objects["Ball"].location.x += 0.0
+    monkeypatch.setattr("addon.extract.displacing.displace", lambda *_: pytest.fail("moved again"))
+    second = extract_scene(bpy.context.evaluated_depsgraph_get(), kept=kept).scene
+    assert all(one is other for one, other in zip(first.meshes, second.meshes, strict=True))
+    monkeypatch.undo()
+    next(node for node in material.node_tree.nodes if node.type == "DISPLACEMENT").inputs["Scale"].default_value = 0.1
+    third = extract_scene(bpy.context.evaluated_depsgraph_get(), kept=Kept()).scene
+    assert any(one is not other for one, other in zip(first.meshes, third.meshes, strict=True))
 
 
 def test_a_displacement_that_nothing_computes_bends_nothing() -> None:

@@ -60,11 +60,11 @@ def test_world_is_seen_by_the_rays_that_its_visibility_names(world_tree: Any) ->
 
 def test_node_that_is_not_supported_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
     background = add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
-    profile = world_tree.nodes.new("ShaderNodeTexIES")
-    world_tree.links.new(profile.outputs[0], background.inputs["Color"])
+    unknown = world_tree.nodes.new("ShaderNodeShaderToRGB")
+    world_tree.links.new(unknown.outputs[0], background.inputs["Color"])
     assert_array_equal(extract().scene.world.color, (0.25, 0.5, 1))
     (text,) = texts()
-    assert text.startswith("world 'World': node 'IES Texture'")
+    assert text.startswith("world 'World': node 'Shader to RGB'")
 
 
 @pytest.mark.skipif(versions.VERSION >= (5, 0), reason="worlds always have nodes since Blender 5.0")
