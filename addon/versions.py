@@ -206,3 +206,13 @@ def is_hidden_from_picking(shown: Any) -> bool:
 def relative_path_options(version: tuple[int, ...] = VERSION) -> set[str]:
     """Return the options of a path's property that may begin with //; Blender 4.5 and later have to be told so."""
     return {"PATH_SUPPORTS_BLEND_RELATIVE"} if version >= (4, 5) else set()
+
+
+def subdivides_adaptively(source: Any) -> bool:
+    """Return True where Cycles would subdivide an object as its place in the picture asks: a switch of the modifier
+    since Blender 5.0, before that one of the object."""
+    last = source.modifiers[-1] if len(source.modifiers) else None
+    if last is None or last.type != "SUBSURF":
+        return False
+    of_object = getattr(getattr(source, "cycles", None), "use_adaptive_subdivision", False)
+    return bool(getattr(last, "use_adaptive_subdivision", of_object))

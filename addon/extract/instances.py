@@ -21,6 +21,7 @@ from .attributes import read_point_attributes
 from .custom_properties import Color
 from .instance_properties import InstanceReader
 from .kept import Kept
+from .left_out import warn_left_out
 from .light_nodes import NO_NODES, LightFactor, read_light_nodes
 from .linking import Linked, read_linking
 from .mesh_table import MeshEntry, MeshTable
@@ -204,7 +205,7 @@ def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> Obje
     if shown.type not in ("MESH", "POINTCLOUD"):
         return make_other_part(shown, source, context)
     if shown.type == "MESH" and not context.shows_surfaces:
-        warn_hair(source, context.view_layer, context.warnings)
+        warn_left_out(source, context.view_layer, context.warnings)
         return None
     key = source.original.session_uid, instancer.original.session_uid, shown.data.as_pointer()
     entry = context.kept.parts.get(key)
@@ -237,7 +238,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
     own = WarningList()
     seen_by = find_visibility(shown, instancer, context.view_layer)
     if seen_by:
-        warn_hair(source, context.view_layer, own)
+        warn_left_out(source, context.view_layer, own)
     points = extract_points(shown.data, source.name, own) if seen_by and shown.type == "POINTCLOUD" else None
     context.warnings.include(own.records)
     if not seen_by or (shown.type == "POINTCLOUD" and points is None):
@@ -337,20 +338,3 @@ def find_visibility(shown: Any, instancer: Any, view_layer: Any) -> int:
     if not instancer.holdout_get(view_layer=view_layer) and instancer.indirect_only_get(view_layer=view_layer):
         seen_by &= ~SEEN_BY["camera"]
     return seen_by
-
-
-def warn_hair(source: Any, view_layer: Any, warnings: WarningList) -> None:
-    """Name particle systems that draw hair, where the view layer shows hair."""
-    for system in source.particle_systems if view_layer.use_strand else ():
-        if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
-            warnings.add(f"particle hair '{system.name}' is not supported, left out", source.name)
-
-
-def warn_missing(depsgraph: Any, warnings: WarningList) -> None:
-    """Name data that a missing library left as placeholders."""
-    for data in depsgraph.ids:
-        original = data.original
-        if original.is_missing:
-            path = f" from '{original.library.filepath}'" if original.library else ""
-            kind = original.bl_rna.name
-            warnings.add(f"{kind} '{original.name}' is linked{path}, which is missing: left out")

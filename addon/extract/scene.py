@@ -16,8 +16,9 @@ from .camera import extract_camera
 from .custom_properties import read_layer_of
 from .displacing import displace_meshes
 from .instance_order import Shapes
-from .instances import Context, ObjectKey, walk_instances, warn_missing
+from .instances import Context, ObjectKey, walk_instances
 from .kept import Kept
+from .left_out import warn_missing
 from .mesh_table import MeshTable
 from .placing import place_parts
 from .shaders.materials import MaterialTable
