@@ -33,13 +33,9 @@ from .warnings import Warning, WarningList
 # Blender's random numbers of instances and of names are whole, 0 to this.
 LARGEST_WORD = 2**32 - 1
 
-# What has no surface, and the filter of view layers that leaves it out, if there is one.
-UNSUPPORTED_TYPES = {
-    "VOLUME": ("volumes", "use_volumes"),
-    "CURVES": ("hair curves", "use_strand"),
-    "GPENCIL": ("Grease Pencil drawings", ""),
-    "GREASEPENCIL": ("Grease Pencil drawings", ""),
-}
+# What is left out, and the filter of view layers that would do so. Grease Pencil is not: Blender itself draws it over
+# the pictures of all engines.
+UNSUPPORTED_TYPES = {"VOLUME": ("volumes", "use_volumes"), "CURVES": ("hair curves", "use_strand")}
 RAY_VISIBILITY = {
     "visible_camera": "camera",
     "visible_diffuse": "diffuse",
@@ -296,7 +292,7 @@ def make_other_part(shown: Any, source: Any, context: Context) -> ObjectEntry | 
     """Return a light's ObjectEntry, or None for what is not shown."""
     if shown.type in UNSUPPORTED_TYPES:
         kind, filter_name = UNSUPPORTED_TYPES[shown.type]
-        if not filter_name or getattr(context.view_layer, filter_name):
+        if getattr(context.view_layer, filter_name):
             context.warnings.add(f"{kind} are not supported, left out", source.name)
     return make_light_part(shown, source, context) if shown.type == "LIGHT" else None
 

@@ -56,6 +56,13 @@ def test_rays_are_picked_drawn_and_cleared(tmp_path: Path) -> None:
     assert report["after_load"] == [True, True]
 
 
+def test_drawings_lie_over_the_picture(tmp_path: Path) -> None:
+    """A black stroke of Grease Pencil, which Blender draws."""
+    report = drive("drawings.py", tmp_path)
+    assert report["drawing"] == "GREASEPENCIL"
+    assert report["darkest_row"] < 0.01
+
+
 def test_comparisons_run_beside_blender_and_leave_the_scene_alone(tmp_path: Path) -> None:
     report = drive("compare.py", tmp_path)
     assert report["after"] == report["before"]
