@@ -20,6 +20,7 @@ from raytracer.rendering.render import render
 from raytracer.scene.camera import Camera, Panorama
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
+from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion
 from raytracer.scene.programs import Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_file import load, save
@@ -29,15 +30,19 @@ __all__ = [
     "VERSION",
     "AreaLight",
     "Camera",
+    "CameraMotion",
     "Caster",
     "Closure",
     "DaskPool",
     "Film",
     "Hits",
     "Image",
+    "InstanceMotion",
     "Instances",
     "Material",
     "Mesh",
+    "MeshMotion",
+    "Motion",
     "Panorama",
     "PointLight",
     "Program",

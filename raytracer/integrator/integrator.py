@@ -31,7 +31,7 @@ from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_pic
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, transparent_visibility
 from raytracer.lights.emitter_table import Emitters, make_emitters
-from raytracer.lights.environment import Environment, make_environment
+from raytracer.lights.environment import Environment, make_environment, turn_environment
 from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.light_nodes import ComputedLight, make_computed_lights
 from raytracer.lights.lights import has_extent
@@ -118,12 +118,14 @@ def prepare(
     resolution: tuple[int, int] = DEFAULT_RESOLUTION,
     take_part: Callable[[Booleans], RayCaster] | None = None,
     aims_at_all: bool = False,
+    background: Environment | None = None,
 ) -> Integrator:
     """Compose the stages that `scene` needs for the passes in `settings`.
 
     resolution : of the full picture, pixels
     take_part : returns the caster of some instances and groups of spheres; None: a SubsetCaster
     aims_at_all : True for a source for each light, however many there are
+    background : the same world's at another moment, whose map of brightness is taken; None makes one
     """
     features = derive_features(scene)
     needs_light = asks_for_light(settings)
@@ -138,8 +140,9 @@ def prepare(
     )
     sites = make_site_tables(scene, tables, list_scene_attributes(scene), resolution) if features.programs else None
     materials = make_material_table(scene, sites)
-    background = None
-    if features.world and needs_light and scene.world is not None:
+    if background is not None:
+        background = turn_environment(background, scene.camera, resolution)
+    elif features.world and needs_light and scene.world is not None:
         background = make_environment(scene.world, scene.camera, resolution)
     computed: dict[Light, ComputedLight] = {}
     if features.light_nodes and needs_light:

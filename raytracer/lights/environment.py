@@ -90,6 +90,16 @@ def make_environment(world: World, camera: Camera | None, resolution: tuple[int,
     return replace(environment, grid=_make_map(environment), max_bounces=world.max_bounces)
 
 
+def turn_environment(environment: Environment, camera: Camera | None, resolution: tuple[int, int]) -> Environment:
+    """Return an environment as programs see it through another camera.
+
+    It is sampled after the map that it has: the estimate is unbiased whatever the map, which costs more to make.
+    """
+    if environment.program is None:
+        return environment
+    return replace(environment, tables=_make_tables(environment.program, camera, resolution))
+
+
 def _make_tables(program: Program, camera: Camera | None, resolution: tuple[int, int]) -> SiteTables:
     """Return what programs read on the sphere of directions, the camera at its centre."""
     if camera is not None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from raytracer.film.pixel_filter import sample_pixel_filter
 from raytracer.integrator.integrator import Integrator, prepare
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import WORD_LIMIT, Settings, check_integer
+from raytracer.lights.environment import Environment
 from raytracer.lights.shared_points import choose_interleaving
 from raytracer.processes.dropping import is_dropped
 from raytracer.processes.pool import Pool
@@ -258,18 +259,23 @@ def trace_blocks(
     phases: Iterable[Iterable[Block | ListedBlock]],
     is_cancelled: Callable[[], bool],
     on_stage: Callable[[str], None] = _say_nothing,
+    make_tracer: type | None = None,
 ) -> Iterator[BlockResult]:
-    """Yield the results of the blocks of one phase after the other, in order, until `is_cancelled()`."""
+    """Yield the results of the blocks of one phase after the other, in order, until `is_cancelled()`.
+
+    make_tracer : called with the tracer's arguments, and what tells it to give up; None: BlockTracer
+    """
+    make_tracer = make_tracer or BlockTracer
     if pool is not None:
         _, caster, *_ = tracer_arguments
         caster.closest_hit(*RAY)  # its tree is built here, and shared: each worker would build one of its own
-        pool.load(BlockTracer, *tracer_arguments, is_dropped)
+        pool.load(make_tracer, *tracer_arguments, is_dropped)
         on_stage("Tracing")
         for blocks in phases:
             yield from pool.run(blocks, is_cancelled)
         return
     on_stage("Tracing")
-    tracer = BlockTracer(*tracer_arguments, is_cancelled)
+    tracer = make_tracer(*tracer_arguments, is_cancelled)
     for block in chain.from_iterable(phases):
         try:
             result = tracer(block)
@@ -288,9 +294,12 @@ class BlockTracer:
         window: FrameWindow,
         settings: Settings,
         is_cancelled: Callable[[], bool] = _never,
+        background: Environment | None = None,
     ) -> None:
+        """Compose the stages; `background` as of `prepare`."""
         self._window = window
         self._settings = settings
+        self._shared: dict[str, Any] = {} if background is None else {"background": background}
         self._resolution = (window.full_width, window.full_height)
         self._caster = WatchedCaster(caster, is_cancelled)
         self._integrator = self._prepare(scene, from_centre=False)
@@ -302,7 +311,12 @@ class BlockTracer:
         settings = replace(self._settings, passes=names) if names else None
         if settings is None:
             return None
-        return prepare(scene, self._caster, settings, self._resolution, self._caster.take_part)
+        return prepare(scene, self._caster, settings, self._resolution, self._caster.take_part, **self._shared)
+
+    @property
+    def background(self) -> Environment | None:
+        """The world that the stages see; None where it is black, or no pass needs it."""
+        return self._integrator.background if self._integrator else None
 
     def __call__(self, block: Block | ListedBlock) -> BlockResult:
         """Trace one block; raises CancelledError if the user did so meanwhile."""

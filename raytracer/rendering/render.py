@@ -39,6 +39,7 @@ from raytracer.rendering.blocks import (
     trace_blocks,
 )
 from raytracer.rendering.ending import EndedBy, Ending
+from raytracer.rendering.moving_tracer import MovingTracer
 from raytracer.sampling.sobol import REPLICATIONS
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_digest import digest_scene
@@ -118,7 +119,9 @@ def render(
         if chosen.workers > 1 and pool is None:
             tell(f"Starting {chosen.workers} workers")
             pool = stack.enter_context(Workers(chosen.workers))
-        results = trace_blocks(pool, (scene, caster, window, chosen), plan.phases(), is_cancelled or _never, tell)
+        make_tracer = None if scene.motion is None else MovingTracer
+        arguments = (scene, caster, window, chosen)
+        results = trace_blocks(pool, arguments, plan.phases(), is_cancelled or _never, tell, make_tracer)
         ending = Ending(chosen, limit_sweeps(chosen, until), time.perf_counter(), film.samples)
         is_done = film.samples >= ending.sweeps
         ended_by = accumulate(film, plan, results, ending, on_sweep, on_progress)
@@ -149,6 +152,7 @@ def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
     size = {"width": window.full_width, "height": window.full_height, "interleaving": window.interleaving}
     sweeps = count_sweeps(settings)
     is_adaptive = settings.adaptive and "Combined" in select_passes(settings.passes, from_centre=False)
+    is_adaptive &= scene.motion is None  # pixels with different numbers of samples have no times to share
     return Film(
         window.width,
         window.height,

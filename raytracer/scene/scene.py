@@ -17,6 +17,7 @@ from raytracer.scene.camera import Camera
 from raytracer.scene.fields import make_records, require_text, set_field
 from raytracer.scene.lights import Light, World
 from raytracer.scene.materials import DEFAULT_MATERIAL, Material
+from raytracer.scene.motion import Motion, require_fitting
 from raytracer.scene.shapes import Instances, Mesh, Spheres
 
 
@@ -31,6 +32,8 @@ class Scene:
     lights : light records
     world : World, or None for black
     camera : Camera, or None (a scene without a camera can be cast into, but not rendered)
+    motion : Motion while the shutter is open, which only renders show; the other fields hold the moment in its middle.
+        None = nothing moves
 
     Examples
     --------
@@ -49,12 +52,16 @@ class Scene:
     lights: Sequence[Light] = ()
     world: World | None = None
     camera: Camera | None = None
+    motion: Motion | None = None
     name: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         for name, kind in (("meshes", Mesh), ("spheres", Spheres), ("materials", Material), ("lights", Light)):
             set_field(self, name, make_records(getattr(self, name), kind, f"Scene: {name}"))
-        optional: tuple[tuple[str, type], ...] = (("instances", Instances), ("world", World), ("camera", Camera))
+        optional: tuple[tuple[str, type], ...] = (
+            *(("instances", Instances), ("world", World)),
+            *(("camera", Camera), ("motion", Motion)),
+        )
         for name, record in optional:
             value = getattr(self, name)
             if value is not None and not isinstance(value, record):
@@ -76,6 +83,8 @@ class Scene:
                     f"{type(record).__name__} {record.name!r}: material: expected indices below the scene's "
                     f"{len(self.materials)} materials, got {highest}"
                 )
+        if self.motion is not None:
+            require_fitting(self.motion, self.instances, self.meshes)
 
     @property
     def instance_count(self) -> int:

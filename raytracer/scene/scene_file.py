@@ -16,6 +16,7 @@ from raytracer.files.archive import Archive, open_archive, take_table, write_arc
 from raytracer.scene.camera import Camera, Panorama
 from raytracer.scene.lights import AreaLight, LightNodes, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
+from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion
 from raytracer.scene.programs import Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Instances, Mesh, Spheres
@@ -27,6 +28,7 @@ RECORDS = {
     for record in (
         *(Mesh, Spheres, Instances, Closure, Material, PointLight, SpotLight, SunLight, AreaLight),
         *(LightNodes, World, Camera, Panorama, Scene, Program, Step, Register, Image, TiledImage),
+        *(Motion, CameraMotion, InstanceMotion, MeshMotion),
     )
 }
 

@@ -1,0 +1,124 @@
+"""Traces blocks of a scene in motion: pixels that are seen at one time together, in the scene as it is then.
+
+Everything is as exact as where nothing moves, and passes from one point, or to one lamp, stay such. What a time costs
+is a scene of its own: its geometry is packed again, trees over meshes that deform are built anew, those of others are
+taken from the scene's caster, and stages are composed. Moments of the latest sweep are kept for its next block.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from raytracer.arrays.types import Floats, Indices
+from raytracer.casting.caster import Caster, build
+from raytracer.film.passes import PASSES
+from raytracer.film.shutter import choose_side, find_middle, sample_times
+from raytracer.integrator.settings import Settings
+from raytracer.lights.environment import Environment
+from raytracer.rendering.blocks import Block, BlockResult, BlockTracer, FrameWindow, ListedBlock, _never, number_pixels
+from raytracer.scene.moments import find_moment, moves_geometry
+from raytracer.scene.scene import Scene
+
+# The triangles and spheres of all moments that are kept at once, at most; each takes some hundred bytes.
+KEPT_PRIMITIVES = 1 << 21
+
+
+class MovingTracer:
+    """Traces blocks as BlockTracer does, of a scene with motion."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        caster: Caster,
+        window: FrameWindow,
+        settings: Settings,
+        is_cancelled: Callable[[], bool] = _never,
+    ) -> None:
+        assert scene.motion is not None
+        self._scene, self._caster, self._window = scene, caster, window
+        self._motion, self._settings, self._is_cancelled = scene.motion, settings, is_cancelled
+        primitives = int(caster.geometry.first_id[-1]) if moves_geometry(scene.motion) else 0
+        self._side = choose_side(window.full_width * window.full_height, primitives)
+        self._sampled = _select(settings, from_centre=False)
+        self._centred = _select(settings, from_centre=True)
+        self._moments: dict[float, BlockTracer] = {}
+        self._most = max(1, KEPT_PRIMITIVES // max(1, primitives))
+        # Of the middle of the time, whichever comes first: workers begin with different ones.
+        self._background: Environment | None = None
+        if scene.world is not None and scene.world.program is not None:
+            self._background = BlockTracer(scene, caster, window, settings, is_cancelled).background
+
+    def __call__(self, block: Block | ListedBlock) -> BlockResult:
+        """Trace one block; raises CancelledError if the user did so meanwhile."""
+        assert isinstance(block, Block)
+        started, rays = time.perf_counter(), 0
+        values: dict[str, Floats] = {}
+        for number in range(block.samples) if self._sampled else ():
+            first = number * len(block)
+            for rows, part, moment in self._split(block, block.sample + number):
+                result = self._trace(self._sampled, part, moment)
+                rays += result.rays
+                _put(values, first + rows, result.values, block.samples * len(block))
+        centre_values: dict[str, Floats] | None = None
+        if self._centred and block.sample == 0:
+            centre_values = {}
+            for rows, part, moment in self._split(block, None):
+                result = self._trace(self._centred, part, moment)
+                rays += result.rays
+                _put(centre_values, rows, result.centre_values or {}, len(block))
+        return BlockResult(block, values, centre_values, rays, time.perf_counter() - started)
+
+    def _split(self, block: Block, number: int | None) -> Iterator[tuple[Indices, Block, float]]:
+        """Yield the rows of a block's pixels that are seen at one time, as a block of their own, and the time.
+
+        number : of the sample; None is the middle of what each pixel sees
+        """
+        place = np.arange(block.start, block.stop) if block.chosen is None else block.chosen
+        _, column, row = number_pixels(self._window, place)
+        height = self._window.full_height
+        if number is None:
+            times = find_middle(self._motion, row, height)
+        else:
+            times = sample_times(self._motion, number, self._settings.seed, self._side, column, row, height)
+        moments, key = np.unique(times, return_inverse=True)
+        for index, moment in enumerate(moments.tolist()):
+            rows = np.flatnonzero(key == index)
+            yield rows, Block(number or 0, block.start, block.stop, chosen=place[rows]), moment
+
+    def _trace(self, settings: Settings | None, part: Block, moment: float) -> BlockResult:
+        """Trace pixels at a time."""
+        assert settings is not None
+        if settings is self._centred:
+            return self._make_tracer(settings, moment)(part)
+        if moment not in self._moments:
+            while len(self._moments) >= self._most:
+                del self._moments[next(iter(self._moments))]
+            self._moments[moment] = self._make_tracer(settings, moment)
+        return self._moments[moment](part)
+
+    def _make_tracer(self, settings: Settings, moment: float) -> BlockTracer:
+        scene, caster = find_moment(self._scene, moment), self._caster
+        if moves_geometry(self._motion):
+            caster = build(scene, caster.primitives.precision, last=caster)
+        assert scene.camera is not None
+        window = replace(self._window, camera=scene.camera)
+        return BlockTracer(scene, caster, window, settings, self._is_cancelled, self._background)
+
+
+def _select(settings: Settings, from_centre: bool) -> Settings | None:
+    """Return the settings of the passes of one kind, or None where there are none of it."""
+    names = tuple(name for name in settings.passes if PASSES[name].from_centre == from_centre)
+    return replace(settings, passes=names, error=None) if names else None
+
+
+def _put(target: dict[str, Floats], rows: Indices, values: object, count: int) -> None:
+    """Put values (k, channels), by pass, into some rows of `count`."""
+    assert isinstance(values, dict)
+    for name, part in values.items():
+        if name not in target:
+            target[name] = np.empty((count, part.shape[1]))
+        target[name][rows] = part
