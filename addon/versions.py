@@ -64,6 +64,19 @@ def find_world(scene: Any, view_layer: Any) -> Any:
     return getattr(view_layer, "world_override", None) or scene.world
 
 
+def read_shutter_position(scene: Any) -> str:
+    """Return where the frame lies in the time of the shutter: 'START', 'CENTER' or 'END'."""
+    return str(scene.render.motion_blur_position)
+
+
+def read_rolling_shutter(scene: Any) -> float | None:
+    """Return for which share of the time each row sees light, of Cycles' rolling shutter; None where it is off."""
+    settings = getattr(scene, "cycles", None)
+    if settings is None or settings.rolling_shutter_type == "NONE":
+        return None
+    return float(settings.rolling_shutter_duration)
+
+
 @dataclass(frozen=True)
 class LightSettings:
     """The fields of a light that came after 4.2, at the value that changes nothing where they are missing.

@@ -19,6 +19,7 @@ from raytracer.processes.python import print_traceback
 from raytracer.processes.workers import WorkerError
 
 from .. import interrupts
+from ..extract.motion import SetFrame
 from ..extract.scene import Extraction, extract_scene
 from ..extract.warnings import Warning
 from ..passes import declare_passes, enabled_passes
@@ -120,8 +121,8 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         progress = Progress(engine, output, count_view_layers(scene))
         progress.show_stage("Reading the scene")
         kept = animation.find_frames(engine, depsgraph)
-        extraction = read_scene(depsgraph, kept)
-        warnings = (*extraction.warnings, *find_ignored_settings(scene))
+        extraction = read_scene(depsgraph, kept, None if engine.is_preview else engine.frame_set)
+        warnings = (*extraction.warnings, *find_ignored_settings(scene, extraction.scene.motion is not None))
         things = name_things(extraction, enabled_passes(view_layer))
         traced = give_identities(extraction.scene, things)
         film = make_film(engine, traced, depsgraph, border, progress, kept)
@@ -155,11 +156,14 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
     statistics.record_view_layer(depsgraph.scene, taken, first=engine.layers_done == 0)
 
 
-def read_scene(depsgraph: Any, kept: Frames | None) -> Extraction:
-    """Return what the depsgraph shows, or raise SceneError with the reason why it cannot be rendered."""
+def read_scene(depsgraph: Any, kept: Frames | None, set_frame: SetFrame | None = None) -> Extraction:
+    """Return what the depsgraph shows, or raise SceneError with the reason why it cannot be rendered.
+
+    set_frame : as of `extract_scene`
+    """
     passes = enabled_passes(depsgraph.view_layer_eval)
     try:
-        return extract_scene(depsgraph, passes, kept=kept.kept if kept else None)
+        return extract_scene(depsgraph, passes, kept=kept.kept if kept else None, set_frame=set_frame)
     except ValueError as error:
         raise SceneError(str(error)) from error
 
@@ -252,11 +256,15 @@ def count_view_layers(scene: Any) -> int:
     return sum(view_layer.use for view_layer in scene.view_layers)
 
 
-def find_ignored_settings(scene: Any) -> list[Warning]:
-    """Return one warning for each setting of `Scene.render` that the picture does not follow."""
+def find_ignored_settings(scene: Any, moves: bool) -> list[Warning]:
+    """Return one warning for each setting that the picture does not follow.
+
+    moves : True where something moves while the shutter is open
+    """
+    is_adaptive = moves and scene.reference_raytracer.use_adaptive_sampling
     ignored = (
+        (is_adaptive, "Adaptive sampling does not go with motion blur: all pixels have the same number of samples"),
         (scene.render.use_multiview, "Stereoscopy is not supported: every view shows the same picture"),
-        (scene.render.use_motion_blur, "Motion blur is not supported: the picture shows one moment"),
     )
     return [Warning(text) for is_used, text in ignored if is_used]
 

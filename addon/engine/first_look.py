@@ -6,6 +6,7 @@ Blender shows a checkerboard where nothing is; a sweep over a large picture may 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ def show_first_look(
         plain.pop(name, None)
     target = Target(scene.camera, *frame, border=border, samples=1, settings=plain)
     for factor in FACTORS:
-        film = render_coarse(scene, caster, target, factor, 1, lambda *_: None, is_cancelled)
+        film = render_coarse(replace(scene, motion=None), caster, target, factor, 1, lambda *_: None, is_cancelled)
         if film.cancelled:
             return
         output.write({"Combined": enlarge(develop(film, target, factor, (0, 1)), factor, border)})

@@ -26,6 +26,7 @@ from .light_nodes import NO_NODES, LightFactor, read_light_nodes
 from .linking import Linked, read_linking
 from .mesh_table import MeshEntry, MeshTable
 from .meshes import Points, extract_points, open_mesh
+from .motion import Tracks
 from .shaders.materials import MaterialTable
 from .shaders.nodes import WarningContext
 from .warnings import Warning, WarningList
@@ -126,6 +127,7 @@ class Context:
 
     kept : the last extraction
     entries : what this one leaves to the next
+    tracks : notes what may move; None where nothing shall
     """
 
     view_layer: Any
@@ -135,6 +137,7 @@ class Context:
     space: Any = None
     kept: Kept = field(default_factory=Kept)
     entries: dict[PartKey, PartEntry] = field(default_factory=dict)
+    tracks: Tracks | None = None
 
     @property
     def shows_surfaces(self) -> bool:
@@ -169,6 +172,8 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
             placements.random.append(read_random(instance.random_id) if is_instance else math.nan)
             names = placements.parts[known[key]].properties
             placements.properties.append(reader.read(instance, names) if names else {})
+            if context.tracks is not None:
+                context.tracks.note(instance, source, instancer, placements.parts[known[key]].mesh)
     fill_random(placements)
     return placements
 

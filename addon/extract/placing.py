@@ -24,12 +24,16 @@ UNIFORM_SCALE_TOLERANCE = 64 * float(np.finfo(np.float32).eps)
 
 @dataclass(frozen=True)
 class Placed:
-    """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres."""
+    """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres.
+
+    rows : the placements that the instances are
+    """
 
     instances: raytracer.Instances
     spheres: tuple[raytracer.Spheres, ...]
     lights: tuple[Light, ...]
     objects: tuple[ObjectKey, ...]
+    rows: tuple[int, ...] = ()
 
 
 def place_parts(
@@ -81,7 +85,7 @@ def place_parts(
         properties=_gather_properties([placements.properties[row] for row in meshes]),
     )
     objects = (*(part.object for part in parts), *sphere_objects)
-    return Placed(instances, tuple(spheres), tuple(lights), objects)
+    return Placed(instances, tuple(spheres), tuple(lights), objects, tuple(meshes))
 
 
 def _place_light(placements: Placements, row: int, matrix: NDArray[np.float64], warnings: WarningList) -> Light | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from .instances import Context, ObjectKey, walk_instances
 from .kept import Kept
 from .left_out import warn_missing
 from .mesh_table import MeshTable
+from .motion import SetFrame, Tracks, opened_shutter, read_motion
 from .placing import place_parts
 from .shaders.materials import MaterialTable
 from .warnings import Warning, WarningList
@@ -48,6 +49,7 @@ def extract_scene(
     geometry_only: bool = False,
     space: Any = None,
     kept: Kept | None = None,
+    set_frame: SetFrame | None = None,
 ) -> Extraction:
     """Return all that a depsgraph shows, in the depsgraph's own mode (render or viewport).
 
@@ -61,6 +63,7 @@ def extract_scene(
 
     kept : what the last extraction of this view layer in this mode left, with the `changes` since; afterwards what this
         one leaves. The result is the same without
+    set_frame : has the depsgraph show another frame, for motion blur where the scene asks for it; None leaves it out
 
     Raises
     ------
@@ -68,21 +71,44 @@ def extract_scene(
         If the scene has no usable camera and one is needed.
     """
     with read_layer_of(depsgraph):
-        return _extract_scene(depsgraph, passes, geometry_only, space, kept)
+        if set_frame is None or not depsgraph.scene.render.use_motion_blur:
+            return _extract_scene(depsgraph, passes, geometry_only, space, kept)
+        return extract_moving(depsgraph, passes, kept, set_frame)
+
+
+def extract_moving(depsgraph: Any, passes: Sequence[str], kept: Kept | None, set_frame: SetFrame) -> Extraction:
+    """Return the scene in the middle of the shutter's time, with its motion."""
+    with opened_shutter(depsgraph.scene, set_frame) as shutter:
+        tracks = Tracks(depsgraph.scene, shutter.frame)
+        still = _extract_scene(depsgraph, passes, False, None, kept, tracks)
+        warnings = WarningList()
+        motion = read_motion(depsgraph, tracks, still.scene, shutter, set_frame, warnings)
+    scene = still.scene if motion is None else replace(still.scene, motion=motion)
+    return replace(still, scene=scene, warnings=(*still.warnings, *warnings.records))
 
 
 def _extract_scene(
-    depsgraph: Any, passes: Sequence[str], geometry_only: bool, space: Any, kept: Kept | None
+    depsgraph: Any,
+    passes: Sequence[str],
+    geometry_only: bool,
+    space: Any,
+    kept: Kept | None,
+    tracks: Tracks | None = None,
 ) -> Extraction:
-    """Return what `extract_scene` does, while the view layer's properties can be found."""
+    """Return what `extract_scene` does, while the view layer's properties can be found.
+
+    tracks : notes what may move; None where nothing shall
+    """
     warnings = WarningList()
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     camera = None if geometry_only or space else extract_camera(scene, warnings)
     last = kept or Kept()
-    materials = None if geometry_only else MaterialTable(warnings, last, scene.frame_current)
+    materials = (
+        None if geometry_only else MaterialTable(warnings, last, tracks.frame if tracks else scene.frame_current)
+    )
     meshes = MeshTable("UV" in passes, warnings, last)
     warn_missing(depsgraph, warnings)
-    context = Context(view_layer, meshes, materials, warnings, space, last)
+    context = Context(view_layer, meshes, materials, warnings, space, last, tracks=tracks)
     placements = walk_instances(depsgraph, context)
     images = materials.images if materials else None
     with_info, shapes = materials is not None and materials.read_object_info, None
@@ -90,6 +116,8 @@ def _extract_scene(
         extents = np.array([geometry.extent for geometry in meshes.geometries]).reshape(-1, 3)
         shapes = Shapes(meshes.records, extents, materials.records)
     placed = place_parts(placements, warnings, with_info, shapes)
+    if tracks is not None:
+        tracks.rows, tracks.undisplaced = placed.rows, tuple(meshes.records)
     records = meshes.records
     if materials is not None and materials.displacements:
         records, displaced = displace_meshes(records, placed.instances, materials.displacements, last.displaced)

@@ -99,9 +99,8 @@ def find_cofactors(matrices: Floats) -> Floats:
 
 def multiply(first: Floats, second: Floats) -> Floats:
     """Return the products (..., 3, 3) of matrices, without BLAS, whose rounding is its processor's own."""
-    columns = [first[..., :, inner, np.newaxis] * second[..., inner, np.newaxis, :] for inner in range(3)]
-    product: Floats = (columns[0] + columns[1]) + columns[2]
-    return product
+    columns: list[Floats] = [first[..., :, inner, np.newaxis] * second[..., inner, np.newaxis, :] for inner in range(3)]
+    return (columns[0] + columns[1]) + columns[2]
 
 
 def to_quaternions(rotations: Floats) -> Floats:

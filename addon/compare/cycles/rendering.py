@@ -37,7 +37,6 @@ PLAIN_RENDER = {
     "use_border": False,
     "use_compositing": False,
     "use_sequencer": False,
-    "use_motion_blur": False,
     # What is kept from one render to the next is not told of another seed, and batches were alike.
     "use_persistent_data": False,
     "use_multiview": False,

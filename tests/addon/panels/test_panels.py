@@ -58,6 +58,9 @@ class RecordingLayout:
     def template_node_view(self, tree: Any, node: Any, socket: Any) -> None:
         self.views.append((tree, node, socket))
 
+    def template_curve_mapping(self, data: Any, name: str) -> None:
+        self.prop(data, name)
+
     def separator(self) -> None:
         pass
 
@@ -275,7 +278,7 @@ def test_noise_threshold_and_time_limit_reach_the_ray_tracer(empty_scene: Any, r
 
 WARNINGS = (
     Warning("Wave Texture is not supported, its socket's own color is taken", object="Table", material="Wood"),
-    Warning("Motion blur is not supported"),
+    Warning("Stereoscopy is not supported"),
 )
 
 

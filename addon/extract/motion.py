@@ -1,0 +1,314 @@
+"""What moves while the shutter is open: Blender's frames in between, as Cycles reads them.
+
+The scene is read in the middle of the shutter's time. Then the depsgraph is set to each time at which something has a
+step, and only matrices, and the corners and normals of meshes that deform, are read there. An object with s Motion
+Steps has 2^s + 1 of them, so that objects with others share most times. Lights stay where they are, as in Cycles.
+
+References
+----------
+Blender, intern/cycles/blender/sync.cpp (sync_motion), blender/object.cpp (object_motion_steps, sync_object),
+blender/mesh.cpp (sync_mesh_motion), blender/camera.cpp (sync_camera_motion), scene/object.cpp (motion_time).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import raytracer
+from raytracer.film.camera import measure_film_extent
+
+from .. import versions
+from .camera import read_camera
+from .meshes import read_array, read_attribute, read_corners
+from .warnings import WarningList
+
+# Cycles takes no more steps of an object, and evaluates the shutter's curve so often.
+MOST_STEPS = 129
+CURVE_SIZE = 256
+
+# `session_uid` of the object, its instancer, the kind of data, and which of the instancer's instances it is.
+TrackKey = tuple[int, int, str, tuple[int, ...]]
+# Called with a frame, a whole number, and what is behind its point, to have the depsgraph show it.
+SetFrame = Callable[[int, float], None]
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """When the shutter is open.
+
+    frame, subframe : the scene's; offset : frames from there to the middle of the time; length : frames that it takes
+    """
+
+    frame: int
+    subframe: float
+    offset: float
+    length: float
+
+    def find_frame(self, time: float) -> tuple[int, float]:
+        """Return frame and subframe at a time, -1 where the shutter opens to 1 where it closes."""
+        at = self.frame + self.subframe + self.offset + time * self.length / 2.0
+        return math.floor(at), at - math.floor(at)
+
+
+@dataclass
+class Track:
+    """An instance that may move.
+
+    steps : of its motion; matrices : (4, 4) by time
+    deforms : True where its mesh may change its shape
+    corners : (triangles, 3) corners of faces, where the mesh has normals of its own there
+    """
+
+    steps: int
+    deforms: bool
+    name: str
+    is_mesh: bool
+    corners: NDArray[np.int32] | None = None
+    matrices: dict[float, NDArray[np.float64]] = field(default_factory=dict)
+    shapes: dict[float, tuple[NDArray[Any], NDArray[Any] | None]] = field(default_factory=dict)
+
+
+@dataclass
+class Tracks:
+    """The instances of one extraction that may move.
+
+    keys : of each placement, or None; rows : the placement that each of the scene's instances is
+    """
+
+    scene: Any
+    frame: int
+    tracks: dict[TrackKey, Track] = field(default_factory=dict)
+    keys: list[TrackKey | None] = field(default_factory=list)
+    rows: tuple[int, ...] = ()
+    undisplaced: tuple[raytracer.Mesh, ...] = ()
+    deforming: set[int] = field(default_factory=set)
+
+    def note(self, instance: Any, source: Any, instancer: Any, mesh: int | None) -> None:
+        """Note an instance that is placed; mesh : the number of its mesh among the scene's, None for what has none."""
+        shown = instance.object
+        steps = count_steps(shown, instancer)
+        if not steps or shown.type not in ("MESH", "POINTCLOUD"):
+            self.keys.append(None)
+            return
+        key = find_key(instance, source, instancer)
+        deforms = mesh not in self.deforming and use_deformation(shown, instancer)
+        deforms = deforms and source.is_deform_modified(self.scene, "RENDER")
+        track = Track(steps, deforms, source.name, mesh is not None)
+        if deforms and mesh is not None:
+            self.deforming.add(mesh)
+            if shown.data.normals_domain == "CORNER":
+                track.corners = read_corners(shown.data)
+        self.tracks[key] = track
+        self.keys.append(key)
+
+    def list_times(self) -> set[float]:
+        """Return all times at which something has a step, but for the middle."""
+        return {time for track in self.tracks.values() for time in list_times(track.steps)} - {0.0}
+
+    def read(self, depsgraph: Any, time: float) -> None:
+        """Read matrices and shapes as the depsgraph shows them at a time."""
+        for instance in depsgraph.object_instances:
+            shown = instance.object
+            if shown.type not in ("MESH", "POINTCLOUD") or not instance.show_self:
+                continue
+            source = instance.instance_object if instance.is_instance else shown
+            instancer = instance.parent if instance.is_instance else shown
+            track = self.tracks.get(find_key(instance, source, instancer))
+            if track is None or time not in list_times(track.steps):
+                continue
+            matrix = np.array(instance.matrix_world, dtype=np.float64)
+            matrix[3] = (0.0, 0.0, 0.0, 1.0)
+            if np.isfinite(matrix).all():
+                track.matrices[time] = matrix
+            if track.deforms and track.is_mesh:
+                shape = read_shape(shown.data, track.corners)
+                if shape is not None:
+                    track.shapes[time] = shape
+
+
+def count_steps(shown: Any, instancer: Any) -> int:
+    """Return how many steps the motion of an object has; 0 where it or its instancer shall not be blurred."""
+    owners = (shown,) if shown.original == instancer.original else (shown, instancer)
+    settings = [getattr(owner, "cycles", None) for owner in owners]
+    if not all(getattr(each, "use_motion_blur", True) for each in settings):
+        return 0
+    steps = max(getattr(each, "motion_steps", 1) for each in settings)
+    return min((2 << (max(steps, 1) - 1)) + 1, MOST_STEPS)
+
+
+def use_deformation(shown: Any, instancer: Any) -> bool:
+    """Return whether an object's deformation shall be blurred."""
+    return all(getattr(getattr(each, "cycles", None), "use_deform_motion", True) for each in (shown, instancer))
+
+
+def list_times(steps: int) -> list[float]:
+    """Return the times of steps, -1 to 1."""
+    return [2.0 * step / (steps - 1) - 1.0 for step in range(steps)] if steps else []
+
+
+def find_key(instance: Any, source: Any, instancer: Any) -> TrackKey:
+    """Return what an instance is called at all times."""
+    identity = tuple(instance.persistent_id) if instance.is_instance else ()
+    return source.original.session_uid, instancer.original.session_uid, instance.object.type, identity
+
+
+def read_shape(mesh: Any, corners: NDArray[np.int32] | None) -> tuple[NDArray[Any], NDArray[Any] | None] | None:
+    """Return positions (v, 3) and normals, of vertices or of the corners of triangles; None where some are not finite.
+
+    corners : (t, 3) face corners of the triangles in the middle of the time, or None
+    """
+    positions = read_attribute(mesh, "position", "vector", np.float32, 3)
+    if positions is None:
+        return None
+    normals = None
+    if corners is not None:
+        all_corners = read_array(mesh.corner_normals, "vector", np.float32, 3)
+        if corners.max() >= len(all_corners):
+            return None
+        normals = all_corners[corners]
+    elif mesh.normals_domain == "POINT":
+        normals = read_array(mesh.vertex_normals, "vector", np.float32, 3)
+    finite = np.isfinite(positions).all() and (normals is None or np.isfinite(normals).all())
+    return (positions, normals) if finite else None
+
+
+def read_shutter(scene: Any) -> Shutter:
+    """Return when a scene's shutter is open."""
+    length = scene.render.motion_blur_shutter
+    offset = {"START": 0.5, "CENTER": 0.0, "END": -0.5}[versions.read_shutter_position(scene)] * length
+    return Shutter(scene.frame_current, scene.frame_subframe, offset, length)
+
+
+def read_curve(render: Any) -> NDArray[np.float64] | None:
+    """Return how far the shutter is open, (CURVE_SIZE,); None where that never changes, or it never opens."""
+    curve = render.motion_blur_shutter_curve
+    curve.initialize()
+    places = np.linspace(0.0, 1.0, CURVE_SIZE).tolist()
+    values = np.abs([curve.evaluate(curve.curves[0], place) for place in places])
+    return None if (values == values[0]).all() else values
+
+
+@contextmanager
+def opened_shutter(scene: Any, set_frame: SetFrame) -> Iterator[Shutter]:
+    """Set the depsgraph to the middle of the shutter's time, and afterwards to the frame that it showed."""
+    shutter = read_shutter(scene)
+    try:
+        if shutter.offset:
+            set_frame(*shutter.find_frame(0.0))
+        yield shutter
+    finally:
+        set_frame(shutter.frame, shutter.subframe)
+
+
+def read_motion(
+    depsgraph: Any,
+    tracks: Tracks,
+    scene: raytracer.Scene,
+    shutter: Shutter,
+    set_frame: SetFrame,
+    warnings: WarningList,
+) -> raytracer.Motion | None:
+    """Return how a scene moves, that was read in the middle of the shutter's time; None where nothing does."""
+    camera = depsgraph.scene_eval.camera.original
+    eval_camera = camera.evaluated_get(depsgraph)
+    camera_times = list_times(count_steps(eval_camera, eval_camera))
+    cameras = {0.0: scene.camera}
+    for time in sorted(tracks.list_times() | set(camera_times) - {0.0}):
+        set_frame(*shutter.find_frame(time))
+        tracks.read(depsgraph, time)
+        if time in camera_times:
+            cameras[time] = read_camera(camera.evaluated_get(depsgraph), depsgraph.scene_eval.render, WarningList())
+    moving = make_camera_motion([cameras[time] for time in camera_times])
+    instances, meshes = make_instance_motion(tracks, scene), make_mesh_motion(tracks, scene)
+    warn_points(tracks, warnings)
+    if not (moving or instances or meshes):
+        return None
+    render = depsgraph.scene.render
+    return raytracer.Motion(
+        moving, instances, meshes, read_curve(render), versions.read_rolling_shutter(depsgraph.scene)
+    )
+
+
+def make_camera_motion(cameras: list[Any]) -> raytracer.CameraMotion | None:
+    """Return the motion of cameras, one for each step; None where they are all the same."""
+    if not cameras:
+        return None
+    matrices = np.array([camera.world_from_camera for camera in cameras])
+    ends = cameras[0], cameras[len(cameras) // 2], cameras[-1]
+    extents = np.array([measure_film_extent(camera) for camera in ends])
+    zooms = ends[1].projection == "perspective" and bool((extents != extents[1]).any())
+    if (matrices == matrices[0]).all() and not zooms:
+        return None
+    return raytracer.CameraMotion(matrices, extents / extents[1] if zooms else None)
+
+
+def make_instance_motion(tracks: Tracks, scene: raytracer.Scene) -> list[raytracer.InstanceMotion]:
+    """Return the motion of the instances that move; a step at which one is not there is as the middle."""
+    by_steps: dict[int, tuple[list[int], list[list[NDArray[np.float64]]]]] = {}
+    assert scene.instances is not None
+    for number, row in enumerate(tracks.rows):
+        key = tracks.keys[row]
+        if key is None:
+            continue
+        track, middle = tracks.tracks[key], scene.instances.world_from_object[number]
+        matrices = [track.matrices.get(time, middle) for time in list_times(track.steps)]
+        if any((matrix != middle).any() for matrix in matrices):
+            numbers, found = by_steps.setdefault(track.steps, ([], []))
+            numbers.append(number)
+            found.append(matrices)
+    return [
+        raytracer.InstanceMotion(numbers, np.swapaxes(np.array(found), 0, 1)) for numbers, found in by_steps.values()
+    ]
+
+
+def make_mesh_motion(tracks: Tracks, scene: raytracer.Scene) -> list[raytracer.MeshMotion]:
+    """Return the motion of meshes that deform; where the number of vertices changes, a step is as the middle."""
+    motion: dict[int, raytracer.MeshMotion] = {}
+    assert scene.instances is not None
+    for number, row in enumerate(tracks.rows):
+        key, index = tracks.keys[row], int(scene.instances.mesh[number])
+        track = tracks.tracks[key] if key is not None else None
+        if track is None or not track.shapes or index in motion:
+            continue
+        mesh, plain = scene.meshes[index], tracks.undisplaced[index]
+        middle = plain.positions, plain.normals
+        shapes = [track.shapes.get(time, middle) for time in list_times(track.steps)]
+        shapes = [shape if has_shape(shape, middle) else middle for shape in shapes]
+        if any((shape[0] != plain.positions).any() for shape in shapes):
+            motion[index] = displace_steps(index, mesh, plain, shapes)
+    return list(motion.values())
+
+
+def displace_steps(
+    index: int, mesh: raytracer.Mesh, plain: raytracer.Mesh, shapes: list[tuple[Any, Any]]
+) -> raytracer.MeshMotion:
+    """Return the motion of a mesh of these shapes, each displaced as the middle is: from `plain` to `mesh`.
+
+    Normals of a displaced mesh stay those of the middle.
+    """
+    positions = np.array([shape[0] for shape in shapes], dtype=np.float64)
+    if mesh is plain:
+        normals = None if mesh.normals is None else np.array([shape[1] for shape in shapes], dtype=np.float64)
+        return raytracer.MeshMotion(index, positions, normals)
+    normals = None if mesh.normals is None else np.array([mesh.normals] * len(shapes))
+    return raytracer.MeshMotion(index, positions + (mesh.positions - plain.positions), normals)
+
+
+def has_shape(shape: tuple[Any, Any], middle: tuple[Any, Any]) -> bool:
+    """Return whether positions and normals at a step are as many as in the middle."""
+    return all(np.shape(one) == np.shape(other) for one, other in zip(shape, middle, strict=True) if other is not None)
+
+
+def warn_points(tracks: Tracks, warnings: WarningList) -> None:
+    """Name point clouds that move."""
+    for track in tracks.tracks.values():
+        matrices = list(track.matrices.values())
+        if not track.is_mesh and (track.deforms or any((matrix != matrices[0]).any() for matrix in matrices)):
+            warnings.add("motion blur of point clouds is not supported: its points stand still", track.name)
