@@ -30,6 +30,7 @@ FACES = np.array(
     ]
 )
 CAMERA = raytracer.Camera(np.array([[1, 0, 0, 0], [0, 0.5, -0.866, -14], [0, 0.866, 0.5, 9], [0, 0, 0, 1]], float))
+MOVED_CAMERA = CAMERA.world_from_camera + np.array([[0, 0, 0, 0.5], [0] * 4, [0] * 4, [0] * 4])
 GREY = raytracer.Closure("diffuse", color=0.6)
 LIGHT = {"position": (3.0, -4.0, 9.0), "power": 900.0}
 
@@ -78,6 +79,11 @@ FEATURES = {
         lambda: make_scene(raytracer.Closure("emission", color=0.5)),
         {},
         ("emitters.py", "emitter_density"),
+    ),
+    "motion": (
+        lambda: make_scene(motion=raytracer.Motion(raytracer.CameraMotion([CAMERA.world_from_camera, MOVED_CAMERA]))),
+        {},
+        ("moments.py", "find_moment"),
     ),
     "smooth normals": (lambda: make_scene(normals=True), {}, ("surface_tables.py", "gather_corners")),
     "spheres": (lambda: make_scene(spheres=True), {}, ("surface.py", "_sphere_points")),

@@ -82,7 +82,7 @@ def test_the_middle_is_that_of_what_a_row_sees():
 
 
 def test_large_pictures_have_more_times_but_where_those_are_dear():
-    assert choose_side(256 * 256, 0) == 4
-    assert choose_side(256 * 255, 0) == 2
+    assert choose_side(512 * 512, 0) == 4
+    assert choose_side(512 * 511, 0) == 2
     assert choose_side(1920 * 1080, 500_000) == 4
     assert choose_side(640 * 480, 500_000) == 2
