@@ -41,6 +41,7 @@ PASSES = {
     "Combined": BlenderPass("RGBA", "COLOR", "use_pass_combined"),
     "Depth": BlenderPass("Z", "VALUE", "use_pass_z"),
     "Position": BlenderPass("XYZ", "VECTOR", "use_pass_position"),
+    "Vector": BlenderPass("XYZW", "VECTOR", "use_pass_vector"),
     "Normal": BlenderPass("XYZ", "VECTOR", "use_pass_normal"),
     "UV": BlenderPass("UVA", "VECTOR", "use_pass_uv"),
     "Object Index": BlenderPass("X", "VALUE", "use_pass_object_index"),

@@ -32,6 +32,8 @@ from .warnings import WarningList
 # Cycles takes no more steps of an object, and evaluates the shutter's curve so often.
 MOST_STEPS = 129
 CURVE_SIZE = 256
+# Of what the Vector pass tells: the frame before, this one and the next.
+STEPS_OF_NEIGHBORS = 3
 
 # `session_uid` of the object, its instancer, the kind of data, and which of the instancer's instances it is.
 TrackKey = tuple[int, int, str, tuple[int, ...]]
@@ -79,11 +81,13 @@ class Track:
 class Tracks:
     """The instances of one extraction that may move.
 
+    steps : of all; None takes those of each object, and leaves out those that shall not be blurred
     keys : of each placement, or None; rows : the placement that each of the scene's instances is
     """
 
     scene: Any
     frame: int
+    steps: int | None = None
     tracks: dict[TrackKey, Track] = field(default_factory=dict)
     keys: list[TrackKey | None] = field(default_factory=list)
     rows: tuple[int, ...] = ()
@@ -93,12 +97,12 @@ class Tracks:
     def note(self, instance: Any, source: Any, instancer: Any, mesh: int | None) -> None:
         """Note an instance that is placed; mesh : the number of its mesh among the scene's, None for what has none."""
         shown = instance.object
-        steps = count_steps(shown, instancer)
+        steps = self.steps or count_steps(shown, instancer)
         if not steps or shown.type not in ("MESH", "POINTCLOUD"):
             self.keys.append(None)
             return
         key = find_key(instance, source, instancer)
-        deforms = mesh not in self.deforming and use_deformation(shown, instancer)
+        deforms = mesh not in self.deforming and (self.steps is not None or use_deformation(shown, instancer))
         deforms = deforms and source.is_deform_modified(self.scene, "RENDER")
         track = Track(steps, deforms, source.name, mesh is not None)
         if deforms and mesh is not None:
@@ -186,6 +190,11 @@ def read_shutter(scene: Any) -> Shutter:
     return Shutter(scene.frame_current, scene.frame_subframe, offset, length)
 
 
+def span_neighbors(scene: Any) -> Shutter:
+    """Return a shutter that is open from the frame before to the next one, for the Vector pass."""
+    return Shutter(scene.frame_current, scene.frame_subframe, 0.0, 2.0)
+
+
 def read_curve(render: Any) -> NDArray[np.float64] | None:
     """Return how far the shutter is open, (CURVE_SIZE,); None where that never changes, or it never opens."""
     curve = render.motion_blur_shutter_curve
@@ -196,13 +205,12 @@ def read_curve(render: Any) -> NDArray[np.float64] | None:
 
 
 @contextmanager
-def opened_shutter(scene: Any, set_frame: SetFrame) -> Iterator[Shutter]:
+def opened_shutter(shutter: Shutter, set_frame: SetFrame) -> Iterator[None]:
     """Set the depsgraph to the middle of the shutter's time, and afterwards to the frame that it showed."""
-    shutter = read_shutter(scene)
     try:
         if shutter.offset:
             set_frame(*shutter.find_frame(0.0))
-        yield shutter
+        yield
     finally:
         set_frame(shutter.frame, shutter.subframe)
 
@@ -218,7 +226,7 @@ def read_motion(
     """Return how a scene moves, that was read in the middle of the shutter's time; None where nothing does."""
     camera = depsgraph.scene_eval.camera.original
     eval_camera = camera.evaluated_get(depsgraph)
-    camera_times = list_times(count_steps(eval_camera, eval_camera))
+    camera_times = list_times(tracks.steps or count_steps(eval_camera, eval_camera))
     cameras = {0.0: scene.camera}
     for time in sorted(tracks.list_times() | set(camera_times) - {0.0}):
         set_frame(*shutter.find_frame(time))
@@ -230,6 +238,8 @@ def read_motion(
     warn_points(tracks, warnings)
     if not (moving or instances or meshes):
         return None
+    if tracks.steps is not None:
+        return raytracer.Motion(moving, instances, meshes)
     render = depsgraph.scene.render
     return raytracer.Motion(
         moving, instances, meshes, read_curve(render), versions.read_rolling_shutter(depsgraph.scene)

@@ -20,7 +20,15 @@ from .instances import Context, ObjectKey, walk_instances
 from .kept import Kept
 from .left_out import warn_missing
 from .mesh_table import MeshTable
-from .motion import SetFrame, Tracks, opened_shutter, read_motion
+from .motion import (
+    STEPS_OF_NEIGHBORS,
+    SetFrame,
+    Tracks,
+    opened_shutter,
+    read_motion,
+    read_shutter,
+    span_neighbors,
+)
 from .placing import place_parts
 from .shaders.materials import MaterialTable
 from .warnings import Warning, WarningList
@@ -63,7 +71,8 @@ def extract_scene(
 
     kept : what the last extraction of this view layer in this mode left, with the `changes` since; afterwards what this
         one leaves. The result is the same without
-    set_frame : has the depsgraph show another frame, for motion blur where the scene asks for it; None leaves it out
+    set_frame : has the depsgraph show another frame, for motion blur or the pass Vector where they are asked for; None
+        leaves both out
 
     Raises
     ------
@@ -71,19 +80,27 @@ def extract_scene(
         If the scene has no usable camera and one is needed.
     """
     with read_layer_of(depsgraph):
-        if set_frame is None or not depsgraph.scene.render.use_motion_blur:
+        if set_frame is None or not (depsgraph.scene.render.use_motion_blur or "Vector" in passes):
             return _extract_scene(depsgraph, passes, geometry_only, space, kept)
         return extract_moving(depsgraph, passes, kept, set_frame)
 
 
 def extract_moving(depsgraph: Any, passes: Sequence[str], kept: Kept | None, set_frame: SetFrame) -> Extraction:
-    """Return the scene in the middle of the shutter's time, with its motion."""
-    with opened_shutter(depsgraph.scene, set_frame) as shutter:
-        tracks = Tracks(depsgraph.scene, shutter.frame)
+    """Return the scene in the middle of the shutter's time, with its motion; without a shutter, with its motion from
+    the frame before to the next."""
+    source = depsgraph.scene
+    is_blurred = source.render.use_motion_blur
+    shutter = read_shutter(source) if is_blurred else span_neighbors(source)
+    tracks = Tracks(source, shutter.frame, None if is_blurred else STEPS_OF_NEIGHBORS)
+    warnings = WarningList()
+    with opened_shutter(shutter, set_frame):
         still = _extract_scene(depsgraph, passes, False, None, kept, tracks)
-        warnings = WarningList()
         motion = read_motion(depsgraph, tracks, still.scene, shutter, set_frame, warnings)
-    scene = still.scene if motion is None else replace(still.scene, motion=motion)
+    if is_blurred and "Vector" in passes:
+        warnings.add("the Vector pass is empty with motion blur: the picture has the motion already")
+    scene = still.scene
+    if motion is not None:
+        scene = replace(scene, motion=motion) if is_blurred else replace(scene, neighbors=motion)
     return replace(still, scene=scene, warnings=(*still.warnings, *warnings.records))
 
 

@@ -2,8 +2,8 @@
 
 What passes hold follows Cycles (`kernel/film/data_passes.h` and `read.h` in its
 source): light, colors, Normal and UV are means over a pixel's samples, in which a ray that hit nothing counts as 0;
-Depth, Position and the indices come from the one ray through the pixel's centre, for a mean of two surfaces lies on
-neither.
+Depth, Position, Vector and the indices come from the one ray through the pixel's centre, for a mean of two surfaces
+lies on neither.
 
 Combined is also summed for every replication of the samples (`sampling.sobol`) by itself, which is what its error is
 told from (`error`): 8 bytes for each pixel and channel.

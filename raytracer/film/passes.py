@@ -59,6 +59,7 @@ PASSES = {
     "Combined": Pass(4, needs_light=True, exposed=True),  # linear RGB, already multiplied by alpha (premultiplied)
     "Depth": Pass(1, from_centre=True, miss=1e10),  # metres along the camera's viewing axis
     "Position": Pass(3, from_centre=True),  # metres, world
+    "Vector": Pass(4, from_centre=True),  # pixels, from the frame before and to the next (`surfaces.screen_motion`)
     "Normal": Pass(3),  # shading normal, world, towards the ray
     "UV": Pass(3),  # u, v, 1; 0 on what has no uvs
     "Object Index": Pass(1, from_centre=True, is_index=True),

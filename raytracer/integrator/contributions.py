@@ -36,6 +36,7 @@ from raytracer.scene.fields import SEEN_BY_ALL
 from raytracer.scene.lights import Light
 from raytracer.shading.light_path import FARTHEST, LightPath, put_further
 from raytracer.shading.occlusion import Probe
+from raytracer.surfaces.screen_motion import find_vectors
 from raytracer.surfaces.surface import Surface
 
 # Cycles' default: Normal, UV, Depth and so on belong to the first surface at least this opaque.
@@ -180,6 +181,9 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     passes.set("Position", row, surface.position[rows])
     passes.set("Object Index", row, integrator.pass_index[surface.instance[rows]])
     passes.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
+    if integrator.screen_motion is not None:
+        which = surface.instance[rows], surface.primitive[rows], wave.hits.barycentric[rows]
+        passes.set("Vector", row, find_vectors(integrator.screen_motion, surface.position[rows], *which))
     opaque = mean_column(shading.transparency[rows]) <= 1.0 - OPAQUE_ENOUGH
     rows, row = rows[opaque], row[opaque]
     if "Normal" in passes.values:

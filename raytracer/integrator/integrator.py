@@ -45,6 +45,7 @@ from raytracer.shading.materials import MaterialTable, find_radiance, make_mater
 from raytracer.shading.occlusion import OcclusionTest, make_occlusion_test
 from raytracer.shading.site_tables import make_site_tables
 from raytracer.surfaces.places import make_order
+from raytracer.surfaces.screen_motion import ScreenMotion, make_screen_motion
 from raytracer.surfaces.surface_tables import SurfaceTables, make_surface_tables
 from raytracer.surfaces.terminator import Lift, Terminator, lift_points, make_terminator
 
@@ -62,6 +63,7 @@ class Integrator:
     light_nodes : what evaluates the nodes of lights that have any
     mattes : by kind of Cryptomatte that is asked for, the hashes that materials, or instances and groups, are known by
     eye : (3,) where the camera's rays come from; None without a camera, or of an orthographic one
+    screen_motion : tells of motion over the picture; None where no pass asks, or nothing is known of other frames
     counts_bounces : True where a light asks how many bounces led to what it lights
     visible_groups : many lights likewise
     emitters : None where nothing is emissive
@@ -108,6 +110,7 @@ class Integrator:
     counts_bounces: bool = False
     visible_groups: tuple[LightGroup, ...] = ()
     eye: Vectors | None = None
+    screen_motion: ScreenMotion | None = None
     mattes: Mapping[str, Numbers] = field(default_factory=dict)
 
 
@@ -151,6 +154,8 @@ def prepare(
         _compose, scene, settings, features, tables, materials, background, terminator, computed, aims_at_all
     )
     whole = compose(caster)
+    if "Vector" in settings.passes:
+        whole = replace(whole, screen_motion=make_screen_motion(scene, caster.geometry, resolution))
     if not catches_shadows(features, settings):
         return whole
     is_catcher = _gather_records(scene, "shadow_catcher", np.bool_)

@@ -39,7 +39,7 @@ def find_moment(scene: Scene, time: float) -> Scene:
     meshes = list(scene.meshes)
     for part in motion.meshes:
         meshes[part.mesh] = deform_mesh(meshes[part.mesh], part, time)
-    return replace(scene, meshes=meshes, instances=instances, camera=camera, motion=None)
+    return replace(scene, meshes=meshes, instances=instances, camera=camera, motion=None, neighbors=None)
 
 
 def moves_geometry(motion: Motion) -> bool:

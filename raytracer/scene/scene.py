@@ -34,6 +34,8 @@ class Scene:
     camera : Camera, or None (a scene without a camera can be cast into, but not rendered)
     motion : Motion while the shutter is open, which only renders show; the other fields hold the moment in its middle.
         None = nothing moves
+    neighbors : Motion from the frame before (time 0) to the next one (time 1), which the Vector pass tells of; None =
+        it is 0, as where the shutter shows motion
 
     Examples
     --------
@@ -53,6 +55,7 @@ class Scene:
     world: World | None = None
     camera: Camera | None = None
     motion: Motion | None = None
+    neighbors: Motion | None = None
     name: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
@@ -60,7 +63,7 @@ class Scene:
             set_field(self, name, make_records(getattr(self, name), kind, f"Scene: {name}"))
         optional: tuple[tuple[str, type], ...] = (
             *(("instances", Instances), ("world", World)),
-            *(("camera", Camera), ("motion", Motion)),
+            *(("camera", Camera), ("motion", Motion), ("neighbors", Motion)),
         )
         for name, record in optional:
             value = getattr(self, name)
@@ -83,8 +86,8 @@ class Scene:
                     f"{type(record).__name__} {record.name!r}: material: expected indices below the scene's "
                     f"{len(self.materials)} materials, got {highest}"
                 )
-        if self.motion is not None:
-            require_fitting(self.motion, self.instances, self.meshes)
+        for motion in filter(None, (self.motion, self.neighbors)):
+            require_fitting(motion, self.instances, self.meshes)
 
     @property
     def instance_count(self) -> int:

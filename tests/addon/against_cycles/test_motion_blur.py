@@ -6,6 +6,7 @@ Both have the same shutter. Cycles' table of its curve ends at 255/256 of the ti
 import math
 
 import bpy
+import numpy as np
 import pytest
 
 from addon.compare.cycles import metrics
@@ -185,3 +186,29 @@ def test_the_test_would_see_a_picture_without_the_blur():
     thing.cycles.use_motion_blur = False
     still, _ = render_pair(scene, "a move")
     assert metrics.share_failing_pixels(blurred, still, SAMPLES) > 10 * MITSUBA_BAR
+
+
+# Pixels, and the share of a vector: what changes within a pixel, of which Cycles has the mean.
+VECTOR_TOLERANCE, VECTOR_SHARE = 0.05, 0.02
+
+
+@pytest.mark.parametrize(
+    "name", ["a camera", *(pytest.param(name, marks=pytest.mark.slow) for name in ("a turn", "a zoom", "a shape key"))]
+)
+def test_vectors_agree_but_at_edges(name):
+    """There Cycles has the mean of two surfaces."""
+    scene, thing = make_stage()
+    CASES[name](scene, thing)
+    scene.frame_set(FRAME)
+    scene.render.use_motion_blur = False
+    for number, name in enumerate(("Plane", "Floor")):
+        bpy.data.objects[name].pass_index = number + 1
+    request = Request(*(*SIZE, 4, 0), cycles_factor=8, passes=("Combined", "Vector", "Object Index"))
+    ours, cycles = (side.passes for side in render_both(scene, bpy.context.view_layer, request))
+    index, found, expected = ours["Object Index"][0, ..., 0], ours["Vector"][0], cycles["Vector"][0]
+    near = np.lib.stride_tricks.sliding_window_view(index, (3, 3))
+    inside = (near == near[..., :1, :1]).all(axis=(2, 3))
+    off, size = (np.abs(part).max(axis=-1)[1:-1, 1:-1][inside] for part in (found - expected, expected))
+    assert inside.mean() > 0.6
+    assert size.max() > 2.0
+    assert (off <= VECTOR_TOLERANCE + VECTOR_SHARE * size).all()

@@ -51,7 +51,7 @@ def list_curves(thing: Any) -> list[Any]:
     ]
 
 
-def read(stage: Any) -> tuple[Any, list[float]]:
+def read(stage: Any, *passes: str) -> tuple[Any, list[float]]:
     """Return the extraction and the frames that it asked for."""
     for thing in stage.objects:
         thing.update_tag()  # a property of Cycles alone is not told to the depsgraph that is there
@@ -61,7 +61,7 @@ def read(stage: Any) -> tuple[Any, list[float]]:
         asked.append(frame + subframe)
         stage.frame_set(frame, subframe=subframe)
 
-    found = extract_scene(bpy.context.evaluated_depsgraph_get(), set_frame=set_frame)
+    found = extract_scene(bpy.context.evaluated_depsgraph_get(), ("Combined", *passes), set_frame=set_frame)
     assert stage.frame_current_final == FRAME
     return found, asked
 
@@ -238,3 +238,22 @@ def test_point_clouds_that_move_are_named(stage: Any) -> None:
     thing = bpy.context.object
     move(thing)
     assert any("point clouds" in str(warning) for warning in read(stage)[0].warnings)
+
+
+def test_the_vector_pass_reads_the_frames_around_whatever_is_blurred(stage: Any, shown: Any) -> None:
+    move(shown)
+    shown.cycles.use_motion_blur, shown.cycles.motion_steps = False, 4
+    stage.render.use_motion_blur, stage.render.motion_blur_position = False, "END"
+    found, asked = read(stage, "Vector")
+    assert asked == [FRAME - 1, FRAME + 1, FRAME]
+    assert found.scene.motion is None
+    assert found.scene.neighbors.instances[0].world_from_object[:, 0, 0, 3].tolist() == [-1.0, 0.0, 1.0]
+    assert not found.warnings
+
+
+def test_the_vector_pass_is_empty_where_the_picture_is_blurred(stage: Any, shown: Any) -> None:
+    move(shown)
+    found, _ = read(stage, "Vector")
+    assert found.scene.neighbors is None
+    assert places(found) == [-0.5, 0.0, 0.5]
+    assert any("Vector" in str(warning) for warning in found.warnings)
