@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon import versions
 from addon.extract import motion
 from addon.extract.scene import extract_scene
 
@@ -257,3 +258,23 @@ def test_the_vector_pass_is_empty_where_the_picture_is_blurred(stage: Any, shown
     assert found.scene.neighbors is None
     assert places(found) == [-0.5, 0.0, 0.5]
     assert any("Vector" in str(warning) for warning in found.warnings)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_a_displaced_mesh_is_displaced_at_each_step_as_in_the_middle(stage: Any, shown: Any, smooth: bool) -> None:
+    """As in Cycles (scene/mesh_displace.cpp): by a tenth along x, by a constant vector."""
+    shown.data.polygons.foreach_set("use_smooth", [smooth])
+    add_shape(shown)
+    material = bpy.data.materials.new("Material")
+    if versions.find_node_tree(material) is None:
+        material.use_nodes = True
+    material.displacement_method = "DISPLACEMENT"
+    nodes, links = versions.find_node_tree(material).nodes, versions.find_node_tree(material).links
+    vector = nodes.new("ShaderNodeCombineXYZ")
+    vector.inputs[0].default_value = 0.1
+    output = versions.find_output_node(versions.find_node_tree(material))
+    links.new(vector.outputs[0], output.inputs["Displacement"])
+    shown.data.materials.append(material)
+    (part,) = read(stage)[0].scene.motion.meshes
+    assert np.allclose(part.positions[:, 0], (0.1, 0.0, 0.0), atol=1e-6)
+    assert np.allclose(part.positions[:, 2, 2], [0.5, 1.0, 1.5], atol=1e-6)
