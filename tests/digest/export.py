@@ -25,10 +25,15 @@ NOT_EXPORTED = ("samples", "workers", "precision")
 def export_scene(name: str, folder: Path) -> None:
     """Write one scene and its settings."""
     bpy.ops.wm.open_mainfile(filepath=str(SCENES / f"{name}.blend"), load_ui=False)
-    extraction = extract_scene(bpy.context.evaluated_depsgraph_get())
+    extraction = extract_scene(bpy.context.evaluated_depsgraph_get(), set_frame=show_frame)
     settings = {key: value for key, value in settings_keywords(bpy.context.scene).items() if key not in NOT_EXPORTED}
     (folder / f"{name}.json").write_text(json.dumps(settings), encoding="utf-8")
     raytracer.save(extraction.scene, folder / f"{name}.npz")
+
+
+def show_frame(frame: int, subframe: float) -> None:
+    """Have the scene show another moment, for its motion."""
+    bpy.context.scene.frame_set(frame, subframe=subframe)
 
 
 def main(folder: Path) -> None:

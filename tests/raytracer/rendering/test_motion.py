@@ -219,18 +219,18 @@ def test_a_picture_is_made_of_plain_renders_of_its_moments():
 
 
 def test_bits_depend_on_no_block_tile_worker_or_pause(tmp_path):
-    scene, size, settings = make_moving_scene(), (40, 30), {"passes": PASSES}
-    whole = render(scene, *size, 6, **settings)
-    assert same(whole, render(scene, *size, 6, block_size=277, **settings))
-    assert same(whole, render(scene, *size, 6, workers=2, block_size=400, **settings))
-    film = render(scene, *size, 6, until=3, **settings)
+    scene, size, settings = make_moving_scene(), (16, 12), {"passes": PASSES}
+    whole = render(scene, *size, 4, **settings)
+    assert same(whole, render(scene, *size, 4, block_size=50, **settings))
+    assert same(whole, render(scene, *size, 4, workers=2, block_size=60, **settings))
+    film = render(scene, *size, 4, until=2, **settings)
     raytracer.save_film(film, tmp_path / "film.npz")
-    assert same(whole, render(scene, *size, 6, film=raytracer.load_film(tmp_path / "film.npz"), **settings))
-    tiles = [render(scene, *size, 6, tile=(number, 3), **settings) for number in (1, 2, 3)]
+    assert same(whole, render(scene, *size, 4, film=raytracer.load_film(tmp_path / "film.npz"), **settings))
+    tiles = [render(scene, *size, 4, tile=(number, 3), **settings) for number in (1, 2, 3)]
     merged = raytracer.merge(tiles)
     assert all(np.array_equal(array, merged.arrays[name]) for name, array in whole.arrays.items())
     raytracer.save(scene, tmp_path / "scene.npz")
-    assert same(whole, render(raytracer.load(tmp_path / "scene.npz"), *size, 6, **settings))
+    assert same(whole, render(raytracer.load(tmp_path / "scene.npz"), *size, 4, **settings))
 
 
 def test_depth_is_that_of_the_middle_of_the_time():
