@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
-from raytracer.casting.geometry import Geometry, Ids, Kind, instance_corners, list_meshes, split_id, world_corners
+from raytracer.casting.geometry import Geometry, Ids, Kind, fill_corners, list_meshes, split_id, world_corners
 from raytracer.predicates.rounding import gamma
 
 # Instances whose boxes are found together: what they need stays within the cache.
@@ -49,7 +49,7 @@ def make_primitives(geometry: Geometry, precision: str, flattened: Booleans) -> 
     first_row = np.concatenate([[0], np.cumsum(np.where(flattened, counts, 0))]).astype(np.int64)
     corners = np.empty((first_row[-1], 9), np.float32 if precision == "float32" else np.float64)
     for instance in np.flatnonzero(flattened):  # one array operation per instance, when the caster is built
-        corners[first_row[instance] : first_row[instance + 1]] = instance_corners(geometry, instance).reshape(-1, 9)
+        fill_corners(geometry, instance, corners[first_row[instance] : first_row[instance + 1]].reshape(-1, 3, 3))
     points = corners.reshape(-1, 3)
     placed = instance_bounds(geometry, np.flatnonzero(~flattened)).reshape(-1, 3)
     everything = np.concatenate([extremes(points), placed])

@@ -71,8 +71,7 @@ class JoinedTree:
 
 def grow_tree(source: TreeInput) -> JoinedTree:
     """Build a tree that begins a table of its own."""
-    bounds = np.concatenate([bound_triangles(source.frame, source.corners), source.others], axis=1)
-    tree = build_tree(bounds, source.frame)
+    tree = build_tree(bound_all(source), source.frame)
     return JoinedTree(source, tree.nodes, pack_leaves(tree, source.corners), tree.leaves)
 
 
@@ -80,6 +79,12 @@ def grow_box_tree(source: TreeInput) -> JoinedTree:
     """Build a tree that begins a table of its own over boxes alone, one in a leaf."""
     tree = build_tree(source.others, source.frame, leaf_size=1)
     return JoinedTree(source, tree.nodes, NO_TRIANGLES, tree.leaves[:, :1].copy())
+
+
+def bound_all(source: TreeInput) -> Bounds:
+    """(6, t + k) bounds of a tree's triangles and boxes."""
+    triangles = bound_triangles(source.frame, source.corners)
+    return np.concatenate([triangles, source.others], axis=1) if source.others.shape[1] else triangles
 
 
 def bound_triangles(frame: Frame, corners: NDArray) -> Bounds:
@@ -147,6 +152,9 @@ class Table:
 
     def join(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
         """Return nodes (k, 8, 4), triangles (b, 10, 4) and items (b, 4); `trees` become views of them."""
+        if len(self.trees) == 1 and not self.last:  # it may be most of the memory: no copy
+            (tree,) = self.trees.values()
+            return tree.nodes, tree.triangles, self.items[-1]
         nodes = np.empty((self.node_count, NODE_ROWS, WIDTH), np.float32)
         items = np.concatenate(self.items)
         triangles = np.empty((len(items), LEAF_ROWS, WIDTH), np.float32)
