@@ -12,8 +12,8 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
-from raytracer.film.passes import MOST_MATTES, matte_pass, select_mattes
-from raytracer.film.passes import PASSES as TRACED
+from raytracer.film.passes import AOV_COLOR, AOV_VALUE, MOST_MATTES, matte_pass, select_mattes
+from raytracer.film.passes import find_pass as find_traced
 
 from .versions import blender_pass_name
 
@@ -71,11 +71,17 @@ MATTE_OPTIONS = {
 }
 MOST_LEVELS = 2 * MOST_MATTES
 
+# What begins the ray tracer's names of passes that a view layer names itself, and how Blender stores them.
+NAMED = {AOV_VALUE: BlenderPass("X", "VALUE", ""), AOV_COLOR: BlenderPass("RGBA", "COLOR", "")}
+AOV_TYPES = {"VALUE": AOV_VALUE, "COLOR": AOV_COLOR}
+
 
 def find_pass(name: str) -> BlenderPass:
-    """Return how Blender stores a pass, of Cryptomatte too."""
-    kind = TRACED[name].matte
-    return BlenderPass("rgba", "COLOR", MATTE_OPTIONS[kind]) if kind else PASSES[name]
+    """Return how Blender stores a pass, of Cryptomatte too, and those that a view layer names."""
+    kind = find_traced(name).matte
+    if kind:
+        return BlenderPass("rgba", "COLOR", MATTE_OPTIONS[kind])
+    return PASSES.get(name) or next(stored for start, stored in NAMED.items() if name.startswith(start))
 
 
 def list_mattes(view_layer: Any) -> tuple[str, ...]:
@@ -85,14 +91,22 @@ def list_mattes(view_layer: Any) -> tuple[str, ...]:
     return tuple(matte_pass(kind, number) for kind in kinds for number in range(count))
 
 
+def list_named(view_layer: Any) -> tuple[str, ...]:
+    """Return the names of the passes that a view layer names itself."""
+    return tuple(AOV_TYPES[aov.type] + aov.name for aov in view_layer.aovs if aov.is_valid and aov.name)
+
+
 def enabled_passes(view_layer: Any) -> tuple[str, ...]:
     """Return the names, of `film.passes`, that a view layer asks for; Combined is always among them."""
     plain = (name for name, stored in PASSES.items() if name == "Combined" or getattr(view_layer, stored.option, False))
-    return (*plain, *list_mattes(view_layer))
+    return (*plain, *list_mattes(view_layer), *list_named(view_layer))
 
 
 def enable_passes(view_layer: Any, names: tuple[str, ...]) -> None:
-    """Switch on exactly the passes `names` in a view layer, Combined always; of Cryptomatte also those before."""
+    """Switch on exactly the passes `names` in a view layer, Combined always; of Cryptomatte also those before.
+
+    What the view layer names itself stays as it is.
+    """
     for name, stored in PASSES.items():
         setattr(view_layer, stored.option, name in names or name == "Combined")
     slots = select_mattes(names)

@@ -20,13 +20,14 @@ from raytracer.rendering.render import render
 from raytracer.scene.camera import Camera, Panorama
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
-from raytracer.scene.programs import Image, Program, Register, Step, TiledImage
+from raytracer.scene.programs import Aovs, Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_file import load, save
 from raytracer.scene.shapes import Instances, Mesh, Spheres
 
 __all__ = [
     "VERSION",
+    "Aovs",
     "AreaLight",
     "Camera",
     "Caster",

@@ -30,6 +30,24 @@ class RAYTRACER_VIEWLAYER_PT_cryptomatte(EnginePanel, bpy.types.Panel):
         levels.prop(layer, "pass_cryptomatte_depth", text="Levels")
 
 
+class RAYTRACER_VIEWLAYER_PT_aov(EnginePanel, bpy.types.Panel):
+    """Passes that shaders write by their AOV Output nodes."""
+
+    bl_label = "Shader AOV"
+    bl_context = "view_layer"
+    bl_parent_id = "RAYTRACER_VIEWLAYER_PT_passes"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        layer, row = context.view_layer, split(self).row()
+        row.column().template_list("VIEWLAYER_UL_aov", "aovs", layer, "aovs", layer, "active_aov_index", rows=3)
+        buttons = row.column(align=True)
+        buttons.operator("scene.view_layer_add_aov", icon="ADD", text="")
+        buttons.operator("scene.view_layer_remove_aov", icon="REMOVE", text="")
+        if layer.active_aov and not layer.active_aov.is_valid:
+            self.layout.label(text="Conflicts with another render pass of the same name", icon="ERROR")
+
+
 class RAYTRACER_VIEWLAYER_PT_filter(EnginePanel, bpy.types.Panel):
     """What a view layer leaves out of its scene."""
 
@@ -75,4 +93,5 @@ CLASSES = (
     RAYTRACER_VIEWLAYER_PT_override,
     RAYTRACER_VIEWLAYER_PT_passes,
     RAYTRACER_VIEWLAYER_PT_cryptomatte,
+    RAYTRACER_VIEWLAYER_PT_aov,
 )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,12 @@ PASSES = {
 }
 
 
+# What begins the names of passes that a scene names itself, values and colors that its shaders write (AOVs), and what
+# they hold. Of a color, alpha counts the surfaces that have written it.
+AOV_VALUE, AOV_COLOR = "AOV Value ", "AOV Color "
+NAMED = {AOV_VALUE: Pass(1), AOV_COLOR: Pass(4)}
+
+
 # Kept beside Combined where a scene has shadow catchers, which then is what is seen in front of them. Of the paths that
 # met one: what they saw (3), what they would see where there is nothing but catchers (3), how much of that is opaque
 # (1), and the background behind it all with its alpha (4).
@@ -90,7 +97,51 @@ CAUGHT = "Caught"
 # Beside Combined where samples are adaptive: how many casts the path of a sample took.
 LENGTH = "Path Length"
 
-STORED = {**PASSES, CAUGHT: Pass(11)}
+HIDDEN = {CAUGHT: Pass(11)}
+
+
+def find_pass(name: str) -> Pass:
+    """Return what a pass holds, one that a scene has named too.
+
+    Raises
+    ------
+    KeyError
+        If no pass can have that name.
+
+    Examples
+    --------
+    >>> find_pass("AOV Value mask").channels
+    1
+    """
+    found = PASSES.get(name) or HIDDEN.get(name)
+    if found is not None:
+        return found
+    for start, kind in NAMED.items():
+        if name.startswith(start) and name != start:
+            return kind
+    raise KeyError(name)
+
+
+def is_pass(name: Any) -> bool:
+    """True for the name of a pass."""
+    is_named = isinstance(name, str) and any(name.startswith(start) and name != start for start in NAMED)
+    return is_named or name in PASSES
+
+
+def list_aovs(names: Iterable[str]) -> tuple[str, ...]:
+    """Return those of the passes that shaders write."""
+    return tuple(name for name in names if name.startswith((AOV_VALUE, AOV_COLOR)))
+
+
+def find_layer_name(name: str) -> str:
+    """Return what a file calls a pass.
+
+    Examples
+    --------
+    >>> find_layer_name("AOV Color mask"), find_layer_name("Depth")
+    ('mask', 'Depth')
+    """
+    return name.removeprefix(AOV_VALUE).removeprefix(AOV_COLOR)
 
 
 def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
@@ -103,8 +154,9 @@ def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
     """
     made_of: dict[str, None] = {}
     for name in names:
-        made_of |= dict.fromkeys(("Combined" if name == "Error" else name, *filter(None, (PASSES[name].color,))))
-    return tuple(name for name in made_of if PASSES[name].from_centre == from_centre and not PASSES[name].is_derived)
+        made_of |= dict.fromkeys(("Combined" if name == "Error" else name, *filter(None, (find_pass(name).color,))))
+    kinds = {name: find_pass(name) for name in made_of}
+    return tuple(name for name, kind in kinds.items() if kind.from_centre == from_centre and not kind.is_derived)
 
 
 def select_mattes(names: Iterable[str]) -> dict[str, int]:
@@ -117,7 +169,7 @@ def select_mattes(names: Iterable[str]) -> dict[str, int]:
     """
     slots: dict[str, int] = {}
     for name in names:
-        kind = PASSES[name].matte
+        kind = find_pass(name).matte
         if kind:
             slots[kind] = max(slots.get(kind, 0), 2 * int(name.removeprefix(f"Crypto{kind}")) + 2)
     return slots

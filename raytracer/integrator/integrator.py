@@ -17,7 +17,7 @@ from raytracer.arrays.types import Booleans, Masks, Numbers, Vectors
 from raytracer.casting.ray_visibility import CastRays, RayCaster, SceneCaster, make_cast
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.mattes import hash_name, hash_to_float
-from raytracer.film.passes import PASSES, matte_table, select_mattes, select_passes
+from raytracer.film.passes import find_pass, list_aovs, matte_table, select_mattes, select_passes
 from raytracer.integrator.features import Features, derive_features
 from raytracer.integrator.light_sources import (
     EmissiveGeometry,
@@ -35,10 +35,12 @@ from raytracer.lights.environment import Environment, make_environment
 from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.light_nodes import ComputedLight, make_computed_lights
 from raytracer.lights.lights import has_extent
+from raytracer.lights.sky_aovs import SkyAovs, make_sky_aovs
 from raytracer.sampling.dimensions import WaveDimensions, allocate_dimensions
 from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.lights import Light
 from raytracer.scene.scene import Scene
+from raytracer.shading.aovs import MaterialAovs, computes_aovs, make_material_aovs
 from raytracer.shading.computed import list_scene_attributes
 from raytracer.shading.evaluate import reads_light_path
 from raytracer.shading.materials import MaterialTable, find_radiance, make_material_table
@@ -77,6 +79,7 @@ class Integrator:
     dimensions : numbered dimensions of a wave
     links : which objects are lit by what, or None where all are by all
     tells_paths : True where a program asks how rays came
+    aovs, sky_aovs : what surfaces and the world write to passes of their own; None where nothing is written
     terminator : offsets of the shadow terminator; None where no smooth mesh has any
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     catchers_only : the stages of the scene without all but its shadow catchers, or None
@@ -109,6 +112,8 @@ class Integrator:
     visible_groups: tuple[LightGroup, ...] = ()
     eye: Vectors | None = None
     mattes: Mapping[str, Numbers] = field(default_factory=dict)
+    aovs: MaterialAovs | None = None
+    sky_aovs: SkyAovs | None = None
 
 
 def prepare(
@@ -127,17 +132,19 @@ def prepare(
     """
     features = derive_features(scene)
     needs_light = asks_for_light(settings)
+    written = list_aovs(settings.passes)
+    programs = features.programs or computes_aovs(scene, written)
     terminator = make_terminator(scene) if needs_light and features.smooth_normals else None
     tables = make_surface_tables(
         scene,
         caster.geometry,
         features.smooth_normals,
         uvs=features.uvs and "UV" in settings.passes,
-        barycentric=features.programs or terminator is not None,
+        barycentric=programs or terminator is not None,
         roundoff=caster.roundoff,
     )
-    sites = make_site_tables(scene, tables, list_scene_attributes(scene), resolution) if features.programs else None
-    materials = make_material_table(scene, sites)
+    sites = make_site_tables(scene, tables, list_scene_attributes(scene), resolution) if programs else None
+    materials = make_material_table(scene, sites if features.programs else None)
     background = None
     if features.world and needs_light and scene.world is not None:
         background = make_environment(scene.world, scene.camera, resolution)
@@ -148,6 +155,11 @@ def prepare(
         _compose, scene, settings, features, tables, materials, background, terminator, computed, aims_at_all
     )
     whole = compose(caster)
+    if written:
+        aovs = make_material_aovs(scene, written, sites)
+        whole = replace(whole, aovs=aovs, sky_aovs=make_sky_aovs(scene.world, written, scene.camera, resolution))
+        if aovs is not None and aovs.casts_rays and whole.occlusion_test is None:
+            whole = replace(whole, occlusion_test=make_occlusion_test(caster, whole.cast, make_order(tables)))
     if not catches_shadows(features, settings):
         return whole
     is_catcher = _gather_records(scene, "shadow_catcher", np.bool_)
@@ -165,7 +177,7 @@ def find_lift(integrator: Integrator) -> Lift | None:
 
 def asks_for_light(settings: Settings) -> bool:
     """True where a pass needs light; the others are known at the first surface."""
-    return any(PASSES[name].needs_light for name in settings.passes)
+    return any(find_pass(name).needs_light for name in settings.passes)
 
 
 def catches_shadows(features: Features, settings: Settings) -> bool:

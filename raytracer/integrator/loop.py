@@ -18,6 +18,7 @@ from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
 from raytracer.casting.rays import Hits, Rays
 from raytracer.film.passes import LENGTH
+from raytracer.integrator.aovs import add_sky_aovs, add_surface_aovs
 from raytracer.integrator.bounces import CERTAIN_BOUNCES, classify_rays, find_ended, survival_probability
 from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
 from raytracer.integrator.contributions import (
@@ -51,7 +52,7 @@ SHADOW_BATCH = 1 << 20
 # What a ray meets on its way to its hit, in this order: stages that add to the passes and change no path. A medium's
 # place is here.
 Stage = Callable[[Integrator, PathPasses, Paths, Hits], None]
-ALONG_RAYS: tuple[Stage, ...] = (add_background, add_visible_lights)
+ALONG_RAYS: tuple[Stage, ...] = (add_background, add_visible_lights, add_sky_aovs)
 
 
 def trace(integrator: Integrator, rays: Rays, samples: SobolSamples) -> dict[str, Floats]:
@@ -149,6 +150,7 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     if integrator.terminator is not None and integrator.terminator.frequency is not None:
         shading = replace(shading, frequency=integrator.terminator.frequency[surface.instance])
     wave = Wave(paths, hits, surface, shading)
+    add_surface_aovs(integrator, passes, paths, hits, surface, sampler)
     describe_surface(integrator, passes, wave)
 
     # Emission: what of it does light sampling leave to this ray?

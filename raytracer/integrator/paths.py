@@ -16,7 +16,7 @@ from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.order import join_departures
 from raytracer.casting.rays import Hits, Rays, join_rays
-from raytracer.film.passes import PASSES, matte_table, select_mattes
+from raytracer.film.passes import find_pass, matte_table, select_mattes
 from raytracer.integrator.clamping import is_clamped
 from raytracer.integrator.parts import Parts, start_parts
 from raytracer.integrator.settings import Settings
@@ -163,7 +163,7 @@ class PathPasses:
     def set(self, name: str, row: NDArray[np.int64], values: Any) -> None:
         """Overwrite a pass, if it is asked for."""
         if name in self.values:
-            self.values[name][row] = np.reshape(values, (len(row), PASSES[name].channels))
+            self.values[name][row] = np.reshape(values, (len(row), find_pass(name).channels))
 
 
 @dataclass(eq=False)
@@ -183,15 +183,15 @@ class Caught:
 def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     """Return the record of camera rays that have seen nothing."""
     count = len(rays)
-    plain = [name for name in settings.passes if not PASSES[name].matte]
-    values = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in plain}
+    plain = [name for name in settings.passes if not find_pass(name).matte]
+    values = {name: np.full((count, find_pass(name).channels), find_pass(name).miss) for name in plain}
     mattes = select_mattes(settings.passes)
     values |= {matte_table(kind): np.zeros((count, 2 * slots)) for kind, slots in mattes.items()}
     unshadowed = np.zeros((count, 3)) if "Shadow" in values else None
     limit = np.full(count, np.inf) if is_clamped(settings) else None
     lengths = np.zeros(count) if settings.adaptive else None
     depth_unit, found = length(rays.directions), np.zeros(count, dtype=np.bool_)
-    parts = start_parts(count) if any(PASSES[name].color for name in plain) else None
+    parts = start_parts(count) if any(find_pass(name).color for name in plain) else None
     return PathPasses(values, depth_unit, found, np.zeros(count), unshadowed, limit, lengths=lengths, parts=parts)
 
 

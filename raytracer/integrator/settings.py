@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.arrays.checks import as_array, require_choice, require_range
-from raytracer.film.passes import PASSES, select_passes
+from raytracer.film.passes import NAMED, PASSES, is_pass, select_passes
 from raytracer.predicates.rounding import PRECISIONS
 
 Border = tuple[int, int, int, int]
@@ -63,7 +63,7 @@ class Settings:
     filter_glossy : the density of a bounce below which what follows is blurred; 0 blurs nothing. A picture is exact
         where all three are 0
     seed : another seed gives another, independent picture of the same noise
-    passes : names from `passes.PASSES`
+    passes : names from `passes.PASSES`, and such as `passes.NAMED` begins
     precision : 'certified', 'float64' or 'float32', see `raytracer.build`
     workers : processes that trace; 1 traces in this process
     mist : metres from the camera where the Mist pass starts, metres from there until it hides everything, and the power
@@ -177,7 +177,8 @@ def _check_mist(mist: Any) -> tuple[float, float, float]:
 def _check_passes(passes: Any) -> tuple[str, ...]:
     names = (passes,) if isinstance(passes, str) else tuple(passes)
     for name in names:
-        require_choice(name, tuple(PASSES), "Settings: passes")
+        if not is_pass(name):
+            require_choice(name, (*PASSES, *(start + "..." for start in NAMED)), "Settings: passes")
     if not names or len(set(names)) < len(names):
         raise ValueError(f"Settings: passes: expected one or more different names, got {names}")
     return names

@@ -58,6 +58,13 @@ class RecordingLayout:
     def template_node_view(self, tree: Any, node: Any, socket: Any) -> None:
         self.views.append((tree, node, socket))
 
+    def template_list(
+        self, kind: str, name: str, data: Any, items: str, holder: Any, index: str, **options: Any
+    ) -> None:
+        assert hasattr(bpy.types, kind)
+        self.prop(data, items)
+        assert index in holder.bl_rna.properties
+
     def separator(self) -> None:
         pass
 
@@ -201,6 +208,21 @@ def test_cryptomatte_panel_switches_two_levels_a_pass(empty_scene: Any, register
     assert enabled_passes(layer) == ("Combined", "CryptoObject00", "CryptoAsset00")
     enable_passes(layer, ("Depth",))
     assert enabled_passes(layer) == ("Combined", "Depth")
+
+
+def test_aov_panel_lists_what_shaders_write(empty_scene: Any, registered: None) -> None:
+    layer = bpy.context.view_layer
+    shown = draw(view_layer.RAYTRACER_VIEWLAYER_PT_aov)
+    assert (shown.names, shown.texts) == (["aovs"], [])
+    assert [button.name for button in shown.buttons] == ["scene.view_layer_add_aov", "scene.view_layer_remove_aov"]
+    for button in shown.buttons[:1]:
+        group, name = button.name.split(".")
+        getattr(getattr(bpy.ops, group), name)()
+    layer.aovs[0].name, layer.aovs[0].type = "mask", "VALUE"
+    assert enabled_passes(layer) == ("Combined", "AOV Value mask")
+    stored = find_pass("AOV Value mask")
+    assert (stored.channels, stored.kind, versions.blender_pass_name("AOV Value mask")) == ("X", "VALUE", "mask")
+    assert len(find_pass("AOV Color mask").channels) == passes.find_pass("AOV Color mask").channels
 
 
 @pytest.mark.parametrize("kind", ["POINT", "SUN", "SPOT", "AREA"])
