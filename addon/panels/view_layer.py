@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ..passes import MATTE_OPTIONS, PASSES, list_mattes
+from ..passes import DENOISING_DATA, MATTE_OPTIONS, PASSES, find_owner, list_mattes
 from .shared import EnginePanel, split
 
 
@@ -83,9 +83,11 @@ class RAYTRACER_VIEWLAYER_PT_passes(EnginePanel, bpy.types.Panel):
 
     def draw(self, context: Any) -> None:
         column = split(self).column(heading="Include", align=True)
-        for name, stored in PASSES.items():
-            if name != "Combined":
-                column.prop(context.view_layer, stored.option, text=name)
+        shown = {stored.option: name for name, stored in PASSES.items()} | {DENOISING_DATA: "Denoising Data"}
+        for option, name in shown.items():
+            owner, own_name = find_owner(context.view_layer, option)
+            if name != "Combined" and owner is not None:
+                column.prop(owner, own_name, text=name)
 
 
 CLASSES = (

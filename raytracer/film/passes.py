@@ -75,6 +75,9 @@ PASSES = {
     **{matte_pass(kind, number): Pass(4, matte=kind) for kind in MATTES for number in range(MOST_MATTES)},
     "Emission": Pass(3, needs_light=True, exposed=True),
     "Shadow": Pass(3, needs_light=True),  # share of the direct light that reaches the surface
+    "Denoising Normal": Pass(3, needs_light=True),  # camera space, of what is seen, in mirrors too
+    "Denoising Albedo": Pass(3, needs_light=True),
+    "Denoising Depth": Pass(1, needs_light=True),
     "Error": Pass(
         1, needs_light=True, is_derived=True, exposed=True
     ),  # standard error of Combined, the root mean square of R, G, B
@@ -86,6 +89,10 @@ PASSES = {
 # they hold. Of a color, alpha counts the surfaces that have written it.
 AOV_VALUE, AOV_COLOR = "AOV Value ", "AOV Color "
 NAMED = {AOV_VALUE: Pass(1), AOV_COLOR: Pass(4)}
+
+
+# What denoisers take.
+GUIDES = ("Denoising Normal", "Denoising Albedo", "Denoising Depth")
 
 
 # Kept beside Combined where a scene has shadow catchers, which then is what is seen in front of them. Of the paths that

@@ -18,6 +18,7 @@ from raytracer.film.mattes import add_coverage
 from raytracer.film.passes import matte_table
 from raytracer.integrator.bounces import meet_lights
 from raytracer.integrator.clamping import clamp_met
+from raytracer.integrator.denoising import add_met_guides
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_passes import add_met
 from raytracer.integrator.paths import PathPasses, Paths, Wave
@@ -47,15 +48,15 @@ def add_background(integrator: Integrator, passes: PathPasses, paths: Paths, hit
     missed = paths.select(np.flatnonzero(~hits.hit))
     if integrator.settings.transparent:
         passes.background[missed.row[missed.direct]] += mean_column(missed.throughput[missed.direct])
-        if integrator.background is not None and "Environment" in passes.values:
+        if integrator.background is not None and ("Environment" in passes.values or passes.guides is not None):
             seen = missed.select(missed.direct)
-            passes.add("Environment", seen.row, see_background(integrator, integrator.background, seen))
+            light = see_background(integrator, integrator.background, seen)
+            passes.add("Environment", seen.row, light)
+            add_met_guides(passes, seen, light)
         missed = missed.select(~missed.direct)
     if integrator.background is not None and len(missed):
         light = see_background(integrator, integrator.background, missed)
-        passes.add("Combined", missed.row, light)
-        passes.add("Environment", missed.row[missed.direct], light[missed.direct])
-        add_met(passes, missed, light)
+        add_met(passes, missed, light, "Environment")
         if passes.backdrop is not None:
             passes.backdrop[missed.row[missed.direct]] += light[missed.direct]
 
@@ -116,9 +117,7 @@ def add_visible_light(
     computed = integrator.light_nodes.get(light)
     radiance = seen.radiance if computed is None else vary_seen(computed, paths, seen, passed)
     radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
-    passes.add("Combined", paths.row, radiance)
-    passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
-    add_met(passes, paths, radiance)
+    add_met(passes, paths, radiance, "Emission")
 
 
 def vary_seen(computed: ComputedLight, paths: Paths, seen: LightHits, passed: Booleans) -> Floats:
@@ -223,9 +222,7 @@ def add_emission(integrator: Integrator, passes: PathPasses, wave: Wave) -> None
         share[~(paths.direct | lit)] = 0.0
     light = paths.throughput * wave.shading.radiance * share[:, np.newaxis]
     radiance = clamp_met(integrator.settings, paths.bounces, light)
-    passes.add("Combined", paths.row, radiance)
-    passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
-    add_met(passes, paths, radiance)
+    add_met(passes, paths, radiance, "Emission")
 
 
 def describe_path(

@@ -21,6 +21,7 @@ from raytracer.bsdfs.bounce_kinds import TRANSMITTED
 from raytracer.bsdfs.bsdf import BsdfSample, evaluate_bsdf
 from raytracer.bsdfs.closures import Shading
 from raytracer.film.passes import LIGHT_PARTS, light_pass
+from raytracer.integrator.denoising import add_met_guides
 from raytracer.integrator.parts import Parts, Split
 from raytracer.integrator.paths import PathPasses, Paths
 
@@ -51,7 +52,15 @@ def note_scattering(
         share[paths.row[rows]] = np.divide(part[rows], total[rows], out=value, where=total[rows] != 0)
 
 
-def add_met(passes: PathPasses, paths: Paths, light: Floats) -> None:
+def add_met(passes: PathPasses, paths: Paths, light: Floats, name: str) -> None:
+    """Add light (k, 3) that paths meet: to Combined, and where they see it straight to the pass `name`."""
+    passes.add("Combined", paths.row, light)
+    passes.add(name, paths.row[paths.direct], light[paths.direct])
+    add_met_guides(passes, paths, light)
+    add_scattered(passes, paths, light)
+
+
+def add_scattered(passes: PathPasses, paths: Paths, light: Floats) -> None:
     """Add light (k, 3) that paths meet after they have been scattered."""
     if passes.parts is None:
         return

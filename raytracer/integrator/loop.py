@@ -31,6 +31,7 @@ from raytracer.integrator.contributions import (
     divide_shadow,
     finish_alpha,
 )
+from raytracer.integrator.denoising import add_guides
 from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_passes import add_aimed, note_scattering, split_paths
@@ -161,7 +162,9 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
 
     # Light sampling: what does each source send, if nothing is in the way?
     sampler = sampler.select(paths.row)
-    ended = find_ended(paths.bounces, integrator.settings) | find_closed(integrator, paths)
+    ended = find_ended(paths.bounces, integrator.settings)
+    add_guides(integrator, passes, wave, ended)
+    ended |= find_closed(integrator, paths)
     probabilities = weigh_lobes(integrator, wave, ended)
     points = ShadingPoints(
         surface,
@@ -183,7 +186,8 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     note_scattering(passes, paths, wave.shading, probabilities, sample)
 
     # Stopping: is it worth going on?
-    end_in_the_dark(integrator, paths, sample)
+    if passes.guides is None:
+        end_in_the_dark(integrator, paths, sample)
     play_roulette(integrator, paths, sample, sampler)
     return Shaded(shadow_rays, advance(wave, sample))
 

@@ -16,8 +16,9 @@ from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.order import join_departures
 from raytracer.casting.rays import Hits, Rays, join_rays
-from raytracer.film.passes import find_pass, matte_table, select_mattes
+from raytracer.film.passes import GUIDES, find_pass, matte_table, select_mattes
 from raytracer.integrator.clamping import is_clamped
+from raytracer.integrator.guides import Guides, start_guides
 from raytracer.integrator.parts import Parts, start_parts
 from raytracer.integrator.settings import Settings
 from raytracer.lecture import length
@@ -136,6 +137,7 @@ class PathPasses:
     unshadowed : (n, 3) float64, direct light if nothing were in the way, or None where the Shadow pass is not asked for
     limit : (n,) float64, the largest sum of channels that light aimed at by the ray's path may add; None without limits
     parts : in which shares the first scattering of each ray's path has split its light; None where no pass asks
+    guides : how far they are from what guides a denoiser; None where no pass asks
     caught : what shadow catchers show, or None where there are none
     lengths : (n,) float64, casts along the ray's path; None where nobody asks
     backdrop : (n, 3) float64, the background that the camera sees where catchers are seen through; None where it is no
@@ -149,6 +151,7 @@ class PathPasses:
     unshadowed: Floats | None
     limit: Floats | None
     parts: Parts | None = None
+    guides: Guides | None = None
     caught: Caught | None = None
     backdrop: Floats | None = None
     lengths: Floats | None = None
@@ -192,7 +195,9 @@ def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     lengths = np.zeros(count) if settings.adaptive else None
     depth_unit, found = length(rays.directions), np.zeros(count, dtype=np.bool_)
     parts = start_parts(count) if any(find_pass(name).color for name in plain) else None
-    return PathPasses(values, depth_unit, found, np.zeros(count), unshadowed, limit, lengths=lengths, parts=parts)
+    guides = start_guides(count) if any(name in GUIDES for name in plain) else None
+    passes = PathPasses(values, depth_unit, found, np.zeros(count), unshadowed, limit)
+    return replace(passes, lengths=lengths, parts=parts, guides=guides)
 
 
 def advance(wave: Wave, sample: BsdfSample) -> Paths:

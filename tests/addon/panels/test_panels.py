@@ -17,7 +17,7 @@ from addon.compare import window
 from addon.engine import statistics
 from addon.extract.warnings import Warning
 from addon.panels import built_in, last_render, presets, render, resume, scene_data, view_layer
-from addon.passes import MATTE_OPTIONS, PASSES, enable_passes, enabled_passes, find_pass
+from addon.passes import MATTE_OPTIONS, PASSES, enable_passes, enabled_passes, find_pass, list_options
 from addon.properties import ENGINE
 from raytracer.film import passes
 from raytracer.integrator import settings
@@ -187,13 +187,13 @@ def test_passes_are_those_of_the_film() -> None:
 
 
 def test_passes_panel_switches_what_the_engine_reads(empty_scene: Any, registered: None) -> None:
-    assert draw(view_layer.RAYTRACER_VIEWLAYER_PT_passes).names == [
-        stored.option for name, stored in PASSES.items() if name != "Combined"
-    ]
+    drawn = draw(view_layer.RAYTRACER_VIEWLAYER_PT_passes).names
+    assert drawn == [option.split(".")[-1] for option in list_options() if option != "use_pass_combined"]
     layer = bpy.context.view_layer
-    for name in PASSES:
+    for name, stored in PASSES.items():
         enable_passes(layer, (name,))
-        assert enabled_passes(layer) == tuple(dict.fromkeys(("Combined", name)))
+        switched = [other for other in PASSES if PASSES[other].option in ("use_pass_combined", stored.option)]
+        assert enabled_passes(layer) == tuple(switched)
     layer.use_pass_combined = False  # as a file of another engine may have it; Blender keeps the pass all the same
     assert "Combined" in enabled_passes(layer)
 
