@@ -60,6 +60,7 @@ PASSES = {
     "Environment": BlenderPass("RGB", "COLOR", "use_pass_environment"),
     "Mist": BlenderPass("Z", "VALUE", "use_pass_mist"),
     "Emission": BlenderPass("RGB", "COLOR", "use_pass_emit"),
+    "Ambient Occlusion": BlenderPass("RGB", "COLOR", "use_pass_ambient_occlusion"),
     "Shadow": BlenderPass("RGB", "COLOR", "use_pass_shadow"),
     "Denoising Normal": BlenderPass("XYZ", "VECTOR", DENOISING_DATA),
     "Denoising Albedo": BlenderPass("RGB", "COLOR", DENOISING_DATA),

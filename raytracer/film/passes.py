@@ -74,6 +74,7 @@ PASSES = {
     "Mist": Pass(1, miss=1.0),  # 0 near the camera to 1 in the distance
     **{matte_pass(kind, number): Pass(4, matte=kind) for kind in MATTES for number in range(MOST_MATTES)},
     "Emission": Pass(3, needs_light=True, exposed=True),
+    "Ambient Occlusion": Pass(3, needs_light=True),  # share of what is around that is open
     "Shadow": Pass(3, needs_light=True),  # share of the direct light that reaches the surface
     "Denoising Normal": Pass(3, needs_light=True),  # camera space, of what is seen, in mirrors too
     "Denoising Albedo": Pass(3, needs_light=True),

@@ -36,6 +36,7 @@ from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_passes import add_aimed, note_scattering, split_paths
 from raytracer.integrator.light_sources import ShadingPoints
+from raytracer.integrator.open_share import add_open_share
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
 from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_split, start_catching
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
@@ -165,6 +166,7 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     ended = find_ended(paths.bounces, integrator.settings)
     add_guides(integrator, passes, wave, ended)
     ended |= find_closed(integrator, paths)
+    add_open_share(integrator, passes, wave, sampler, ended)
     probabilities = weigh_lobes(integrator, wave, ended)
     points = ShadingPoints(
         surface,

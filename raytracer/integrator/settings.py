@@ -68,6 +68,7 @@ class Settings:
     workers : processes that trace; 1 traces in this process
     mist : metres from the camera where the Mist pass starts, metres from there until it hides everything, and the power
         by which it thickens
+    occlusion_distance : metres from a surface within which others count for the Ambient Occlusion pass
     exposure : factor of all light in the picture; clamping comes before it
     transparent : True leaves the background out of the picture, alpha 0
     pixel_filter : 'blackman_harris' or 'box'
@@ -100,6 +101,7 @@ class Settings:
     precision: str = "certified"
     workers: int = 1
     mist: tuple[float, float, float] = (5.0, 25.0, 2.0)
+    occlusion_distance: float = 10.0
     exposure: float = 1.0
     transparent: bool = False
     pixel_filter: str = "blackman_harris"
@@ -129,7 +131,7 @@ class Settings:
             ("block_size", 1, None),
         ):
             object.__setattr__(self, name, check_integer(getattr(self, name), low, high, f"Settings: {name}"))
-        for name in ("clamp_direct", "clamp_indirect", "filter_glossy", "exposure"):
+        for name in ("clamp_direct", "clamp_indirect", "filter_glossy", "occlusion_distance", "exposure"):
             object.__setattr__(self, name, _check_number(getattr(self, name), f"Settings: {name}"))
         for name in ("error", "seconds"):
             object.__setattr__(self, name, _check_limit(getattr(self, name), f"Settings: {name}"))

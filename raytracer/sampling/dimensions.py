@@ -22,6 +22,8 @@ LENS_DIMENSION = 2**32 - 2
 ALLOCATION_DIMENSION = 2**32 - 3
 # Where rays go that are cast for passes which shaders write.
 AOV_DIMENSION = 2**32 - 4
+# Where rays go that tell how open it is around a surface.
+OCCLUSION_DIMENSION = 2**32 - 5
 # Dimensions from here on belong to the sets of pixels that share samples.
 SHARED_DIMENSION = 2**31
 
