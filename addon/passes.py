@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
-from raytracer.film.passes import AOV_COLOR, AOV_VALUE, MOST_MATTES, matte_pass, select_mattes
+from raytracer.film.passes import AOV_COLOR, AOV_VALUE, LIGHT_GROUP, MOST_MATTES, matte_pass, select_mattes
 from raytracer.film.passes import find_pass as find_traced
 
 from .versions import blender_pass_name
@@ -79,7 +79,11 @@ MATTE_OPTIONS = {
 MOST_LEVELS = 2 * MOST_MATTES
 
 # What begins the ray tracer's names of passes that a view layer names itself, and how Blender stores them.
-NAMED = {AOV_VALUE: BlenderPass("X", "VALUE", ""), AOV_COLOR: BlenderPass("RGBA", "COLOR", "")}
+NAMED = {
+    AOV_VALUE: BlenderPass("X", "VALUE", ""),
+    AOV_COLOR: BlenderPass("RGBA", "COLOR", ""),
+    LIGHT_GROUP: BlenderPass("RGB", "COLOR", ""),
+}
 AOV_TYPES = {"VALUE": AOV_VALUE, "COLOR": AOV_COLOR}
 
 
@@ -127,7 +131,8 @@ def list_mattes(view_layer: Any) -> tuple[str, ...]:
 
 def list_named(view_layer: Any) -> tuple[str, ...]:
     """Return the names of the passes that a view layer names itself."""
-    return tuple(AOV_TYPES[aov.type] + aov.name for aov in view_layer.aovs if aov.is_valid and aov.name)
+    aovs = (AOV_TYPES[aov.type] + aov.name for aov in view_layer.aovs if aov.is_valid and aov.name)
+    return (*aovs, *(LIGHT_GROUP + group.name for group in view_layer.lightgroups if group.name))
 
 
 def enabled_passes(view_layer: Any) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from raytracer.processes.workers import WorkerError, Workers
 from raytracer.rendering.clusters import cast_blocks, render_on
 from raytracer.rendering.render import render
 from raytracer.scene.camera import Camera, Panorama
+from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
 from raytracer.scene.programs import Aovs, Image, Program, Register, Step, TiledImage
@@ -37,6 +38,7 @@ __all__ = [
     "Hits",
     "Image",
     "Instances",
+    "LightGroups",
     "Material",
     "Mesh",
     "Panorama",

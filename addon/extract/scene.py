@@ -33,12 +33,14 @@ class Extraction:
 
     scene : raytracer.Scene
     objects : the object of each instance, numbered as `Hits.instance`: mesh instances, then groups of spheres
+    lights : the object of each light
     polygons : for each mesh of the scene (t,) int32, the Blender polygon of each triangle
     warnings : what could not be honoured
     """
 
     scene: raytracer.Scene
     objects: tuple[ObjectKey, ...]
+    lights: tuple[ObjectKey, ...]
     polygons: tuple[NDArray[np.int32], ...]
     warnings: tuple[Warning, ...]
 
@@ -112,4 +114,4 @@ def _extract_scene(
         name=scene.name,
     )
     polygons = tuple(geometry.polygons for geometry in meshes.geometries)
-    return Extraction(record, placed.objects, polygons, warnings.records)
+    return Extraction(record, placed.objects, placed.light_objects, polygons, warnings.records)

@@ -48,6 +48,26 @@ class RAYTRACER_VIEWLAYER_PT_aov(EnginePanel, bpy.types.Panel):
             self.layout.label(text="Conflicts with another render pass of the same name", icon="ERROR")
 
 
+class RAYTRACER_VIEWLAYER_PT_light_groups(EnginePanel, bpy.types.Panel):
+    """Groups of lights, each of which has a pass of its own."""
+
+    bl_label = "Light Groups"
+    bl_context = "view_layer"
+    bl_parent_id = "RAYTRACER_VIEWLAYER_PT_passes"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        layer, row = context.view_layer, split(self).row()
+        row.column().template_list(
+            "UI_UL_list", "lightgroups", layer, "lightgroups", layer, "active_lightgroup_index", rows=3
+        )
+        buttons = row.column(align=True)
+        buttons.operator("scene.view_layer_add_lightgroup", icon="ADD", text="")
+        buttons.operator("scene.view_layer_remove_lightgroup", icon="REMOVE", text="")
+        buttons.separator()
+        buttons.menu("VIEWLAYER_MT_lightgroup_sync", icon="DOWNARROW_HLT", text="")
+
+
 class RAYTRACER_VIEWLAYER_PT_filter(EnginePanel, bpy.types.Panel):
     """What a view layer leaves out of its scene."""
 
@@ -96,4 +116,5 @@ CLASSES = (
     RAYTRACER_VIEWLAYER_PT_passes,
     RAYTRACER_VIEWLAYER_PT_cryptomatte,
     RAYTRACER_VIEWLAYER_PT_aov,
+    RAYTRACER_VIEWLAYER_PT_light_groups,
 )

@@ -89,7 +89,8 @@ PASSES = {
 # What begins the names of passes that a scene names itself, values and colors that its shaders write (AOVs), and what
 # they hold. Of a color, alpha counts the surfaces that have written it.
 AOV_VALUE, AOV_COLOR = "AOV Value ", "AOV Color "
-NAMED = {AOV_VALUE: Pass(1), AOV_COLOR: Pass(4)}
+LIGHT_GROUP = "Combined_"  # the light of a group alone
+NAMED = {AOV_VALUE: Pass(1), AOV_COLOR: Pass(4), LIGHT_GROUP: Pass(3, needs_light=True, exposed=True)}
 
 
 # What denoisers take.
@@ -139,6 +140,11 @@ def is_pass(name: Any) -> bool:
 def list_aovs(names: Iterable[str]) -> tuple[str, ...]:
     """Return those of the passes that shaders write."""
     return tuple(name for name in names if name.startswith((AOV_VALUE, AOV_COLOR)))
+
+
+def list_light_groups(names: Iterable[str]) -> tuple[str, ...]:
+    """Return those of the passes that show the light of a group."""
+    return tuple(name for name in names if name.startswith(LIGHT_GROUP))
 
 
 def find_layer_name(name: str) -> str:

@@ -17,6 +17,7 @@ from raytracer.casting.ray_visibility import CastRays, RayCaster, SceneCaster, m
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.passes import find_pass, list_aovs, select_mattes, select_passes
 from raytracer.integrator.features import Features, derive_features
+from raytracer.integrator.light_groups import GroupedLight, group_light, group_source
 from raytracer.integrator.light_sources import (
     EmissiveGeometry,
     LightSource,
@@ -37,6 +38,7 @@ from raytracer.lights.lights import has_extent
 from raytracer.lights.sky_aovs import SkyAovs, make_sky_aovs
 from raytracer.sampling.dimensions import WaveDimensions, allocate_dimensions
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
+from raytracer.scene.light_groups import NO_GROUP
 from raytracer.scene.lights import Light
 from raytracer.scene.scene import Scene
 from raytracer.shading.aovs import MaterialAovs, computes_aovs, make_material_aovs
@@ -80,6 +82,7 @@ class Integrator:
     links : which objects are lit by what, or None where all are by all
     tells_paths : True where a program asks how rays came
     aovs, sky_aovs : what surfaces and the world write to passes of their own; None where nothing is written
+    grouped : which groups of lights what shines belongs to; None where no pass asks
     terminator : offsets of the shadow terminator; None where no smooth mesh has any
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     catchers_only : the stages of the scene without all but its shadow catchers, or None
@@ -115,6 +118,16 @@ class Integrator:
     mattes: Mapping[str, Numbers] = field(default_factory=dict)
     aovs: MaterialAovs | None = None
     sky_aovs: SkyAovs | None = None
+    grouped: GroupedLight | None = None
+
+    @property
+    def world_group(self) -> int:
+        """The number of the world's group of lights; -1 for none."""
+        return NO_GROUP if self.grouped is None else self.grouped.of_world
+
+    def find_group(self, light: Light) -> int:
+        """Return the number of a light's group; -1 for none."""
+        return NO_GROUP if self.grouped is None else self.grouped.of_lights[light]
 
 
 def prepare(
@@ -231,7 +244,11 @@ def _compose(
     sources = [replace(source, dimension=first) for source, first in zip(sources, dimensions.sources, strict=True)]
     # What is left out keeps its dimensions, so that the others are sampled alike with it and without.
     sources = [source for source in sources if _is_present(source, catchers_only=present is not None)]
+    grouped = group_light(scene, settings.passes)
+    if grouped is not None:
+        sources = [group_source(source, grouped) for source in sources]
     if present is not None:
+        grouped = None
         aimed_at = [light for light in aimed_at if light.shadow_catcher]
         groups = [group for group in groups if group.example.shadow_catcher]
         settings = replace(settings, passes=("Combined",))
@@ -258,6 +275,7 @@ def _compose(
         camera_axes=find_camera_axes(scene) if "Denoising Normal" in settings.passes else None,
         mattes={kind: find_identities(scene, kind) for kind in select_mattes(settings.passes)},
         emitters=emitters,
+        grouped=grouped,
         background=background,
         visibility=visibility,
         occlusion_test=make_occlusion_test(caster, cast, order) if features.occlusion else None,

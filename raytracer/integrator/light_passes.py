@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from raytracer.arrays.rows import sum_columns
-from raytracer.arrays.types import Booleans, Floats, Indices
+from raytracer.arrays.types import Booleans, Floats, Indices, Integers
 from raytracer.bsdfs.bounce_kinds import TRANSMITTED
 from raytracer.bsdfs.bsdf import BsdfSample, evaluate_bsdf
 from raytracer.bsdfs.closures import Shading
@@ -52,10 +52,12 @@ def note_scattering(
         share[paths.row[rows]] = np.divide(part[rows], total[rows], out=value, where=total[rows] != 0)
 
 
-def add_met(passes: PathPasses, paths: Paths, light: Floats, name: str) -> None:
-    """Add light (k, 3) that paths meet: to Combined, and where they see it straight to the pass `name`."""
+def add_met(passes: PathPasses, paths: Paths, light: Floats, name: str, group: Integers | int) -> None:
+    """Add light (k, 3) that paths meet, of one group or of groups (k,): to Combined, and where they see it straight to
+    the pass `name`."""
     passes.add("Combined", paths.row, light)
     passes.add(name, paths.row[paths.direct], light[paths.direct])
+    passes.add_grouped(paths.row, light, group)
     add_met_guides(passes, paths, light)
     add_scattered(passes, paths, light)
 

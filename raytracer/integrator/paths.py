@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import take_rows
-from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Kinds, Numbers, Vectors
+from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Integers, Kinds, Numbers, Vectors
 from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.order import join_departures
 from raytracer.casting.rays import Hits, Rays, join_rays
-from raytracer.film.passes import GUIDES, find_pass, matte_table, select_mattes
+from raytracer.film.passes import GUIDES, find_pass, list_light_groups, matte_table, select_mattes
 from raytracer.integrator.clamping import is_clamped
 from raytracer.integrator.guides import Guides, start_guides
 from raytracer.integrator.parts import Parts, start_parts
@@ -139,6 +139,7 @@ class PathPasses:
     parts : in which shares the first scattering of each ray's path has split its light; None where no pass asks
     guides : how far they are from what guides a denoiser; None where no pass asks
     caught : what shadow catchers show, or None where there are none
+    light_groups : the passes of groups of lights that are asked for, by number
     lengths : (n,) float64, casts along the ray's path; None where nobody asks
     backdrop : (n, 3) float64, the background that the camera sees where catchers are seen through; None where it is no
         part of the picture, or there are none
@@ -155,6 +156,7 @@ class PathPasses:
     caught: Caught | None = None
     backdrop: Floats | None = None
     lengths: Floats | None = None
+    light_groups: tuple[str, ...] = ()
 
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
         """Add (k, 3), or (k, channels), to a pass, if it is asked for; each ray at most once a call."""
@@ -162,6 +164,16 @@ class PathPasses:
             # One column at a time: rows of three take twice as long.
             for target, column in zip(self.values[name].T[:3], values.T, strict=True):
                 target[row] = target.take(row) + column
+
+    def add_grouped(self, row: NDArray[np.int64], light: Floats, group: Integers | int) -> None:
+        """Add light (k, 3) to the passes of the groups, one for all or (k,), that it comes from."""
+        for number, name in enumerate(self.light_groups):
+            if isinstance(group, int):
+                if group == number:
+                    self.add(name, row, light)
+            else:
+                rows = np.flatnonzero(group == number)
+                self.add(name, row[rows], light[rows])
 
     def set(self, name: str, row: NDArray[np.int64], values: Any) -> None:
         """Overwrite a pass, if it is asked for."""
@@ -197,7 +209,8 @@ def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     parts = start_parts(count) if any(find_pass(name).color for name in plain) else None
     guides = start_guides(count) if any(name in GUIDES for name in plain) else None
     passes = PathPasses(values, depth_unit, found, np.zeros(count), unshadowed, limit)
-    return replace(passes, lengths=lengths, parts=parts, guides=guides)
+    groups = list_light_groups(plain)
+    return replace(passes, lengths=lengths, parts=parts, guides=guides, light_groups=groups)
 
 
 def advance(wave: Wave, sample: BsdfSample) -> Paths:

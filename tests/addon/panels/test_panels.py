@@ -65,6 +65,13 @@ class RecordingLayout:
         self.prop(data, items)
         assert index in holder.bl_rna.properties
 
+    def prop_search(self, data: Any, name: str, found_in: Any, items: str, **options: Any) -> None:
+        self.prop(data, name)
+        assert items in found_in.bl_rna.properties
+
+    def menu(self, name: str, **options: Any) -> None:
+        assert hasattr(bpy.types, name)
+
     def separator(self) -> None:
         pass
 
@@ -223,6 +230,25 @@ def test_aov_panel_lists_what_shaders_write(empty_scene: Any, registered: None) 
     stored = find_pass("AOV Value mask")
     assert (stored.channels, stored.kind, versions.blender_pass_name("AOV Value mask")) == ("X", "VALUE", "mask")
     assert len(find_pass("AOV Color mask").channels) == passes.find_pass("AOV Color mask").channels
+
+
+def test_light_groups_are_listed_and_given_to_objects_and_the_world(empty_scene: Any, registered: None) -> None:
+    layer, world = bpy.context.view_layer, bpy.data.worlds.new("World")
+    shown = draw(view_layer.RAYTRACER_VIEWLAYER_PT_light_groups)
+    assert shown.names == ["lightgroups"]
+    assert [button.name.split("_")[-2] for button in shown.buttons] == ["add", "remove"]
+    layer.lightgroups.add(name="key")
+    assert enabled_passes(layer) == ("Combined", "Combined_key")
+    assert (find_pass("Combined_key").channels, versions.blender_pass_name("Combined_key")) == ("RGB", "Combined_key")
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "SUN"))
+    for panel, owner in (
+        (scene_data.RAYTRACER_OBJECT_PT_light_group, {"object": lamp}),
+        (scene_data.RAYTRACER_WORLD_PT_light_group, {"world": world}),
+    ):
+        (owned,) = owner.values()
+        owned.lightgroup = "rim"
+        drawn = draw(panel, **owner)
+        assert (drawn.names, drawn.buttons[0].name) == (["lightgroup"], "rim")
 
 
 @pytest.mark.parametrize("kind", ["POINT", "SUN", "SPOT", "AREA"])
