@@ -61,6 +61,7 @@ PASSES = {
     "Mist": BlenderPass("Z", "VALUE", "use_pass_mist"),
     "Emission": BlenderPass("RGB", "COLOR", "use_pass_emit"),
     "Ambient Occlusion": BlenderPass("RGB", "COLOR", "use_pass_ambient_occlusion"),
+    "Shadow Catcher": BlenderPass("RGB", "COLOR", "cycles.use_pass_shadow_catcher"),
     "Shadow": BlenderPass("RGB", "COLOR", "use_pass_shadow"),
     "Denoising Normal": BlenderPass("XYZ", "VECTOR", DENOISING_DATA),
     "Denoising Albedo": BlenderPass("RGB", "COLOR", DENOISING_DATA),

@@ -38,6 +38,7 @@ from raytracer.film.passes import (
     select_passes,
 )
 from raytracer.film.picture_key import PictureKey
+from raytracer.film.shown import divide_by_color, find_shadows, show_shadows
 
 # In `Film.arrays`, what is after the name of a pass whose sum is that of the second replication alone.
 SECOND = ", second replication"
@@ -233,7 +234,9 @@ class Film:
 
     def _show(self, name: str, average: Callable[[str], Floats]) -> Floats:
         """Return what is seen of a pass, (n, channels), by its mean."""
-        if name == "Combined" and self.catches:
+        if name == "Shadow Catcher":
+            return find_shadows(average(CAUGHT)) if self.catches else np.ones((len(average("Combined")), 3))
+        if name == "Combined" and self.catches and "Shadow Catcher" not in self.names:
             return show_shadows(average(name), average(CAUGHT))
         color = find_pass(name).color
         if color:
@@ -310,41 +313,3 @@ class Film:
         for _ in range(SHARED):
             scatter = share_with_neighbors(scatter)
         return np.sqrt(scatter.ravel() / np.maximum(counts, 0.5))
-
-
-def divide_by_color(light: Floats, color: Floats) -> Floats:
-    """Return light (n, 3) over the color (n, 3) of the surfaces that have sent it.
-
-    A channel in which they send nothing gets what the others have on average, so that the light stays grey.
-
-    References
-    ----------
-    Blender, intern/cycles/util/color.h: safe_divide_even_color.
-    """
-    known = color != 0
-    quotient = np.divide(light, color, out=np.zeros_like(light), where=known)
-    mean = quotient.sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), 1)
-    return np.where(known, quotient, mean)
-
-
-def show_shadows(combined: Floats, caught: Floats) -> Floats:
-    """Return what is seen in front of shadow catchers (n, 4) over their shadows over the background.
-
-    The light of catchers, with all objects over without, as a factor of the footage behind the picture. What darkens
-    it is shown as black of the alpha 1 - mean(factor); brightening, such as of caustics, cannot be shown.
-
-    Parameters
-    ----------
-    combined, caught : (n, 4), (n, 11) float64, means of pixels, in the order of CAUGHT
-
-    References
-    ----------
-    Blender, intern/cycles/kernel/film/read.h: film_calculate_shadow_catcher_matte_with_shadow.
-    """
-    lit, alone, opacity, backdrop = np.split(caught, (3, 6, 7), axis=1)
-    factor = np.divide(lit, alone, out=np.ones_like(lit), where=alone != 0)
-    factor = 1.0 + np.clip(opacity, 0.0, 1.0) * (factor - 1.0)
-    shadow = 1.0 - np.clip(factor.mean(axis=1), 0.0, 1.0)
-    shown = combined.copy()
-    shown[:, 3] += (1.0 - combined[:, 3]) * shadow
-    return shown + (1.0 - shown[:, 3:]) * backdrop

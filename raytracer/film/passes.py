@@ -79,6 +79,9 @@ PASSES = {
     "Denoising Normal": Pass(3, needs_light=True),  # camera space, of what is seen, in mirrors too
     "Denoising Albedo": Pass(3, needs_light=True),
     "Denoising Depth": Pass(1, needs_light=True),
+    # The light of shadow catchers, with all else over without: a factor of the footage behind the picture. Where it is
+    # asked for, Combined shows no shadows itself, as in Cycles.
+    "Shadow Catcher": Pass(3, needs_light=True, is_derived=True),
     "Error": Pass(
         1, needs_light=True, is_derived=True, exposed=True
     ),  # standard error of Combined, the root mean square of R, G, B
@@ -95,6 +98,10 @@ NAMED = {AOV_VALUE: Pass(1), AOV_COLOR: Pass(4), LIGHT_GROUP: Pass(3, needs_ligh
 
 # What denoisers take.
 GUIDES = ("Denoising Normal", "Denoising Albedo", "Denoising Depth")
+
+
+# What is told from the samples of Combined.
+MADE_OF_COMBINED = ("Error", "Shadow Catcher")
 
 
 # Kept beside Combined where a scene has shadow catchers, which then is what is seen in front of them. Of the paths that
@@ -168,7 +175,8 @@ def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
     """
     made_of: dict[str, None] = {}
     for name in names:
-        made_of |= dict.fromkeys(("Combined" if name == "Error" else name, *filter(None, (find_pass(name).color,))))
+        source = "Combined" if name in MADE_OF_COMBINED else name
+        made_of |= dict.fromkeys((source, *filter(None, (find_pass(name).color,))))
     kinds = {name: find_pass(name) for name in made_of}
     return tuple(name for name, kind in kinds.items() if kind.from_centre == from_centre and not kind.is_derived)
 

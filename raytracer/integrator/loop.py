@@ -260,9 +260,8 @@ def add_direct_light(integrator: Integrator, passes: PathPasses, shadow_rays: li
         if passes.limit is not None:
             arriving = clamp(arriving, rays.chance * passes.limit[rays.row])
         passes.add("Combined", rays.row, arriving)
-        passes.add_grouped(rays.row, arriving, rays.light_group)
-        if rays.split is not None:
-            add_aimed(passes, rays.row, rays.light, arriving, rays.split)
+        if rays.split is not None or passes.light_groups:
+            add_aimed(passes, rays, arriving)
         if first and passes.unshadowed is not None:
             passes.add("Shadow", rays.row, arriving)
             passes.unshadowed[rays.row] += rays.light
