@@ -24,12 +24,16 @@ UNIFORM_SCALE_TOLERANCE = 64 * float(np.finfo(np.float32).eps)
 
 @dataclass(frozen=True)
 class Placed:
-    """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres."""
+    """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres.
+
+    objects : of those, light_objects : of the lights
+    """
 
     instances: raytracer.Instances
     spheres: tuple[raytracer.Spheres, ...]
     lights: tuple[Light, ...]
     objects: tuple[ObjectKey, ...]
+    light_objects: tuple[ObjectKey, ...]
 
 
 def place_parts(
@@ -48,7 +52,7 @@ def place_parts(
     finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
     links = make_link_sets(placements.links, warnings)
     meshes: list[int] = []
-    spheres, lights, sphere_objects = [], [], []
+    spheres, lights, sphere_objects, light_objects = [], [], [], []
     for row, index in enumerate(placements.part):
         part = placements.parts[index]
         if not finite[row]:
@@ -62,6 +66,7 @@ def place_parts(
             sphere_objects.append(part.object)
         elif (light := _place_light(placements, row, matrices[row], warnings)) is not None:
             lights.append(replace(light, receivers=links[index].receivers))
+            light_objects.append(part.object)
     if shapes is not None and len(meshes) > 1:
         meshes = _sort_rows(placements, meshes, matrices, shapes)
     parts = [placements.parts[placements.part[row]] for row in meshes]
@@ -81,7 +86,7 @@ def place_parts(
         properties=_gather_properties([placements.properties[row] for row in meshes]),
     )
     objects = (*(part.object for part in parts), *sphere_objects)
-    return Placed(instances, tuple(spheres), tuple(lights), objects)
+    return Placed(instances, tuple(spheres), tuple(lights), objects, tuple(light_objects))
 
 
 def _place_light(placements: Placements, row: int, matrix: NDArray[np.float64], warnings: WarningList) -> Light | None:

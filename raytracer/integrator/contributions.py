@@ -18,6 +18,7 @@ from raytracer.film.mattes import add_coverage
 from raytracer.film.passes import matte_table
 from raytracer.integrator.bounces import meet_lights
 from raytracer.integrator.clamping import clamp_met
+from raytracer.integrator.denoising import add_met_guides
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_passes import add_met
 from raytracer.integrator.paths import PathPasses, Paths, Wave
@@ -33,6 +34,7 @@ from raytracer.sampling.direction_map import map_density
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import power_heuristic
 from raytracer.scene.fields import SEEN_BY_ALL
+from raytracer.scene.light_groups import NO_GROUP
 from raytracer.scene.lights import Light
 from raytracer.shading.light_path import FARTHEST, LightPath, put_further
 from raytracer.shading.occlusion import Probe
@@ -43,19 +45,24 @@ OPAQUE_ENOUGH = 0.5
 
 
 def add_background(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> None:
-    """Rays that hit nothing see the world; where it is left out of the picture, what is seen straight is alpha."""
+    """Rays that hit nothing see the world; where it is left out of the picture, what is seen straight is alpha.
+
+    Passes of it alone, of its group of lights, and what guides denoisers have it all the same, as in Cycles.
+    """
     missed = paths.select(np.flatnonzero(~hits.hit))
     if integrator.settings.transparent:
         passes.background[missed.row[missed.direct]] += mean_column(missed.throughput[missed.direct])
-        if integrator.background is not None and "Environment" in passes.values:
+        shows = "Environment" in passes.values or passes.guides is not None or bool(passes.light_groups)
+        if integrator.background is not None and shows:
             seen = missed.select(missed.direct)
-            passes.add("Environment", seen.row, see_background(integrator, integrator.background, seen))
+            light = see_background(integrator, integrator.background, seen)
+            passes.add("Environment", seen.row, light)
+            passes.add_grouped(seen.row, light, integrator.world_group)
+            add_met_guides(passes, seen, light)
         missed = missed.select(~missed.direct)
     if integrator.background is not None and len(missed):
         light = see_background(integrator, integrator.background, missed)
-        passes.add("Combined", missed.row, light)
-        passes.add("Environment", missed.row[missed.direct], light[missed.direct])
-        add_met(passes, missed, light)
+        add_met(passes, missed, light, "Environment", integrator.world_group)
         if passes.backdrop is not None:
             passes.backdrop[missed.row[missed.direct]] += light[missed.direct]
 
@@ -116,9 +123,7 @@ def add_visible_light(
     computed = integrator.light_nodes.get(light)
     radiance = seen.radiance if computed is None else vary_seen(computed, paths, seen, passed)
     radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
-    passes.add("Combined", paths.row, radiance)
-    passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
-    add_met(passes, paths, radiance)
+    add_met(passes, paths, radiance, "Emission", integrator.find_group(light))
 
 
 def vary_seen(computed: ComputedLight, paths: Paths, seen: LightHits, passed: Booleans) -> Floats:
@@ -223,9 +228,8 @@ def add_emission(integrator: Integrator, passes: PathPasses, wave: Wave) -> None
         share[~(paths.direct | lit)] = 0.0
     light = paths.throughput * wave.shading.radiance * share[:, np.newaxis]
     radiance = clamp_met(integrator.settings, paths.bounces, light)
-    passes.add("Combined", paths.row, radiance)
-    passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
-    add_met(passes, paths, radiance)
+    group = NO_GROUP if integrator.grouped is None else integrator.grouped.of_objects[surface.instance]
+    add_met(passes, paths, radiance, "Emission", group)
 
 
 def describe_path(

@@ -15,6 +15,7 @@ import numpy as np
 
 from raytracer.scene.camera import Camera
 from raytracer.scene.fields import make_records, require_text, set_field
+from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import Light, World
 from raytracer.scene.materials import DEFAULT_MATERIAL, Material
 from raytracer.scene.shapes import Instances, Mesh, Spheres
@@ -30,6 +31,7 @@ class Scene:
     materials : Material records; empty = one grey diffuse material for all
     lights : light records
     world : World, or None for black
+    light_groups : LightGroups, or None where what shines is in no groups
     camera : Camera, or None (a scene without a camera can be cast into, but not rendered)
 
     Examples
@@ -50,11 +52,15 @@ class Scene:
     world: World | None = None
     camera: Camera | None = None
     name: str = field(default="", compare=False)
+    light_groups: LightGroups | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("meshes", Mesh), ("spheres", Spheres), ("materials", Material), ("lights", Light)):
             set_field(self, name, make_records(getattr(self, name), kind, f"Scene: {name}"))
-        optional: tuple[tuple[str, type], ...] = (("instances", Instances), ("world", World), ("camera", Camera))
+        optional: tuple[tuple[str, type], ...] = (
+            *(("instances", Instances), ("world", World)),
+            *(("camera", Camera), ("light_groups", LightGroups)),
+        )
         for name, record in optional:
             value = getattr(self, name)
             if value is not None and not isinstance(value, record):
@@ -76,6 +82,12 @@ class Scene:
                     f"{type(record).__name__} {record.name!r}: material: expected indices below the scene's "
                     f"{len(self.materials)} materials, got {highest}"
                 )
+
+        if self.light_groups is not None:
+            for name, count in (("lights", len(self.lights)), ("objects", self.instance_count + len(self.spheres))):
+                found = len(getattr(self.light_groups, name))
+                if found != count:
+                    raise ValueError(f"Scene: light_groups: {name}: expected {count} numbers, got {found}")
 
     @property
     def instance_count(self) -> int:
