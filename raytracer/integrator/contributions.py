@@ -110,37 +110,36 @@ def add_visible_light(
 
     chance : with which the light was aimed at where the rays come from, one for all or (n,)
     """
-    rows = np.flatnonzero(meet_lights(paths.kind, light.seen_by))
-    paths = paths.select(rows)
     unit = length(paths.rays.directions)
     seen = evaluate_light(light, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
     begun = (paths.travelled < seen.distance) | (paths.travelled == 0)
-    passed = (seen.density > 0) & begun & (seen.distance <= hits.distance[rows] * unit)
+    passed = (seen.density > 0) & begun & (seen.distance <= hits.distance * unit)
+    passed &= meet_lights(paths.kind, light.seen_by)
     if integrator.links is not None:
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
+    rows = np.flatnonzero(passed)
+    if not len(rows):
+        return
+    paths, seen = paths.select(rows), seen.select(rows)
     sampled = seen.density if isinstance(chance, float) else seen.density * chance[rows]
-    share = np.where(passed, power_heuristic(paths.density, sampled), 0.0)[:, np.newaxis]
+    share = power_heuristic(paths.density, sampled)[:, np.newaxis]
     computed = integrator.light_nodes.get(light)
-    radiance = seen.radiance if computed is None else vary_seen(computed, paths, seen, passed)
+    radiance = seen.radiance if computed is None else vary_seen(computed, paths, seen)
     radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
     add_met(passes, paths, radiance, "Emission", integrator.find_group(light))
 
 
-def vary_seen(computed: ComputedLight, paths: Paths, seen: LightHits, passed: Booleans) -> Floats:
-    """Return the radiance (n, 3) that paths see of a light, in what its nodes make of it; 0 where they do not pass.
+def vary_seen(computed: ComputedLight, paths: Paths, seen: LightHits) -> Floats:
+    """Return the radiance (n, 3) that paths see of a light, in what its nodes make of it.
 
     As in Cycles, what kind of ray it is, a light is never told: it would not be where it is sampled either.
     """
-    rows = np.flatnonzero(passed)
-    paths, distance = paths.select(rows), seen.distance[rows]
     unit = length(paths.rays.directions)
-    told = describe_rays(paths, (np.minimum(distance, FARTHEST) - paths.travelled) / unit).values
+    told = describe_rays(paths, (np.minimum(seen.distance, FARTHEST) - paths.travelled) / unit).values
     known = {name: told[name] for name in ("length", "travelled")}
     path = put_further(LightPath(known | {name: values for name, values in told.items() if name.endswith("depth")}))
     directions = paths.rays.directions / unit[:, np.newaxis]
-    radiance = np.zeros(seen.radiance.shape)
-    radiance[rows] = seen.radiance[rows] * find_factor(computed, paths.scatter_origin, directions, distance, path)
-    return radiance
+    return seen.radiance * find_factor(computed, paths.scatter_origin, directions, seen.distance, path)
 
 
 def cut_holes(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> tuple[Paths, Hits]:

@@ -46,8 +46,8 @@ from raytracer.shading.light_path import Depths
 from raytracer.shading.materials import make_shading
 from raytracer.surfaces.surface import make_surface
 
-# Paths shaded together; casts take whole waves.
-PART_SIZE = 1 << 15
+# Paths shaded together; casts take whole waves. With half as many a picture takes 3 to 4% longer, with a quarter 10.
+PART_SIZE = 1 << 16
 # Most shadow rays that are kept to be cast together; bounds the memory that many sources of light take.
 SHADOW_BATCH = 1 << 20
 
@@ -114,7 +114,7 @@ class Shaded:
 def shade_wave(
     integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, sampler: Sampler
 ) -> tuple[Paths, Sampler]:
-    """Shade all hits, in parts that stay in the cache, cast their shadow rays together; return the paths that go on,
+    """Shade all hits, in parts, cast their shadow rays together; return the paths that go on,
     and the sampler of their wave."""
     if passes.limit is not None:
         passes.limit[paths.row] = find_limits(integrator.settings, paths.bounces, aimed=True)
