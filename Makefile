@@ -75,6 +75,7 @@ report: $(REPORT_READY)
 	@$(BIN)/python -m addon bench --json $(BENCH_OPTIONS) > build/bench.json
 	@$(BIN)/python -m tests.benchmarks.report build/bench.json tests/report
 	@$(BIN)/python -m tests.benchmarks.agreement tests/report
+	@$(BIN)/python -m tests.benchmarks.passes tests/report
 	@$(BIN)/python -m tests.digest.export build/digest
 	@$(BIN)/python -m tests.benchmarks.error_pass build/digest tests/report/error_pass.png
 

@@ -12,8 +12,8 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
-from raytracer.film.passes import MOST_MATTES, matte_pass, select_mattes
-from raytracer.film.passes import PASSES as TRACED
+from raytracer.film.passes import AOV_COLOR, AOV_VALUE, LIGHT_GROUP, MOST_MATTES, matte_pass, select_mattes
+from raytracer.film.passes import find_pass as find_traced
 
 from .versions import blender_pass_name
 
@@ -24,7 +24,7 @@ class BlenderPass:
 
     channels : one letter for each channel, as in the names of an EXR file's channels
     kind : 'COLOR', 'VECTOR' or 'VALUE', the type of the compositor's socket
-    option : the view layer's property that switches the pass on
+    option : the view layer's property that switches the pass on; of Cycles' own properties, with its place before it
     """
 
     channels: str
@@ -36,6 +36,9 @@ class BlenderPass:
         """True where it is this add-on that gives view layers the option."""
         return self.option.startswith("raytracer_")
 
+
+# One of Cycles' properties switches all that denoisers take on.
+DENOISING_DATA = "cycles.denoising_store_passes"
 
 PASSES = {
     "Combined": BlenderPass("RGBA", "COLOR", "use_pass_combined"),
@@ -58,7 +61,12 @@ PASSES = {
     "Environment": BlenderPass("RGB", "COLOR", "use_pass_environment"),
     "Mist": BlenderPass("Z", "VALUE", "use_pass_mist"),
     "Emission": BlenderPass("RGB", "COLOR", "use_pass_emit"),
+    "Ambient Occlusion": BlenderPass("RGB", "COLOR", "use_pass_ambient_occlusion"),
+    "Shadow Catcher": BlenderPass("RGB", "COLOR", "cycles.use_pass_shadow_catcher"),
     "Shadow": BlenderPass("RGB", "COLOR", "use_pass_shadow"),
+    "Denoising Normal": BlenderPass("XYZ", "VECTOR", DENOISING_DATA),
+    "Denoising Albedo": BlenderPass("RGB", "COLOR", DENOISING_DATA),
+    "Denoising Depth": BlenderPass("Z", "VALUE", DENOISING_DATA),
     "Error": BlenderPass("X", "VALUE", "raytracer_use_pass_error"),
     "Sample Count": BlenderPass("X", "VALUE", "raytracer_use_pass_sample_count"),
 }
@@ -72,11 +80,48 @@ MATTE_OPTIONS = {
 }
 MOST_LEVELS = 2 * MOST_MATTES
 
+# What begins the ray tracer's names of passes that a view layer names itself, and how Blender stores them.
+NAMED = {
+    AOV_VALUE: BlenderPass("X", "VALUE", ""),
+    AOV_COLOR: BlenderPass("RGBA", "COLOR", ""),
+    LIGHT_GROUP: BlenderPass("RGB", "COLOR", ""),
+}
+AOV_TYPES = {"VALUE": AOV_VALUE, "COLOR": AOV_COLOR}
+
+
+def find_owner(view_layer: Any, option: str) -> tuple[Any, str]:
+    """Return what has the property that an option names, and what that calls it; None where Cycles is switched off."""
+    *place, name = option.split(".")
+    owner = view_layer
+    for part in place:
+        owner = getattr(owner, part, None)
+    return owner, name
+
+
+def is_on(view_layer: Any, option: str) -> bool:
+    """True where a view layer has an option, and it is switched on."""
+    owner, name = find_owner(view_layer, option)
+    return bool(getattr(owner, name, False))
+
+
+def switch(view_layer: Any, option: str, on: bool) -> None:
+    """Switch an option of a view layer on or off, where there is one."""
+    owner, name = find_owner(view_layer, option)
+    if owner is not None:
+        setattr(owner, name, on)
+
+
+def list_options() -> tuple[str, ...]:
+    """Return the options of all passes, each once."""
+    return tuple(dict.fromkeys(stored.option for stored in PASSES.values()))
+
 
 def find_pass(name: str) -> BlenderPass:
-    """Return how Blender stores a pass, of Cryptomatte too."""
-    kind = TRACED[name].matte
-    return BlenderPass("rgba", "COLOR", MATTE_OPTIONS[kind]) if kind else PASSES[name]
+    """Return how Blender stores a pass, of Cryptomatte too, and those that a view layer names."""
+    kind = find_traced(name).matte
+    if kind:
+        return BlenderPass("rgba", "COLOR", MATTE_OPTIONS[kind])
+    return PASSES.get(name) or next(stored for start, stored in NAMED.items() if name.startswith(start))
 
 
 def list_mattes(view_layer: Any) -> tuple[str, ...]:
@@ -86,16 +131,26 @@ def list_mattes(view_layer: Any) -> tuple[str, ...]:
     return tuple(matte_pass(kind, number) for kind in kinds for number in range(count))
 
 
+def list_named(view_layer: Any) -> tuple[str, ...]:
+    """Return the names of the passes that a view layer names itself."""
+    aovs = (AOV_TYPES[aov.type] + aov.name for aov in view_layer.aovs if aov.is_valid and aov.name)
+    return (*aovs, *(LIGHT_GROUP + group.name for group in view_layer.lightgroups if group.name))
+
+
 def enabled_passes(view_layer: Any) -> tuple[str, ...]:
     """Return the names, of `film.passes`, that a view layer asks for; Combined is always among them."""
-    plain = (name for name, stored in PASSES.items() if name == "Combined" or getattr(view_layer, stored.option, False))
-    return (*plain, *list_mattes(view_layer))
+    plain = (name for name, stored in PASSES.items() if name == "Combined" or is_on(view_layer, stored.option))
+    return (*plain, *list_mattes(view_layer), *list_named(view_layer))
 
 
 def enable_passes(view_layer: Any, names: tuple[str, ...]) -> None:
-    """Switch on exactly the passes `names` in a view layer, Combined always; of Cryptomatte also those before."""
-    for name, stored in PASSES.items():
-        setattr(view_layer, stored.option, name in names or name == "Combined")
+    """Switch on exactly the passes `names` in a view layer, Combined always; of Cryptomatte also those before.
+
+    What the view layer names itself stays as it is.
+    """
+    wanted = {PASSES[name].option for name in ("Combined", *names) if name in PASSES}
+    for option in list_options():
+        switch(view_layer, option, option in wanted)
     slots = select_mattes(names)
     for kind, option in MATTE_OPTIONS.items():
         setattr(view_layer, option, kind in slots)

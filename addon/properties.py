@@ -265,12 +265,17 @@ def settings_keywords(scene: Any) -> dict[str, Any]:
         "filter_width": settings.filter_width,
         "exposure": settings.exposure,
         "transparent": scene.render.film_transparent,
-        **({"mist": read_mist(scene.world.mist_settings)} if scene.world else {}),
+        **(read_world_settings(scene.world) if scene.world else {}),
     }
 
 
 # The power of the distance by which mist thickens.
 MIST_POWERS = {"QUADRATIC": 2.0, "LINEAR": 1.0, "INVERSE_QUADRATIC": 0.5}
+
+
+def read_world_settings(world: Any) -> dict[str, Any]:
+    """Return what a world says of passes, as keywords of `raytracer.render`."""
+    return {"mist": read_mist(world.mist_settings), "occlusion_distance": world.light_settings.distance}
 
 
 def read_mist(settings: Any) -> tuple[float, float, float]:

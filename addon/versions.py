@@ -1,7 +1,7 @@
 """What differs between Blender 4.2 LTS and 5.2 LTS: the one module of the add-on that knows.
 
 Facts come from the bpy wheels 4.2, 4.5, 5.0, 5.1 and 5.2 and from Blender's release notes (Python API, 4.3 to 5.2).
-May import bpy and NumPy only.
+May import bpy, NumPy and the names of passes only.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from typing import Any
 import bpy
 import numpy as np
 from numpy.typing import NDArray
+
+from raytracer.film.passes import find_layer_name
 
 VERSION: tuple[int, int, int] = tuple(bpy.app.version)
 
@@ -36,7 +38,8 @@ SHORT_PASS_NAMES = {
 
 def blender_pass_name(name: str, version: tuple[int, ...] = VERSION) -> str:
     """Return the name that this version of Blender gives to the tracer's pass `name`."""
-    return name if version >= (5, 0) else SHORT_PASS_NAMES.get(name, name)
+    layer = find_layer_name(name)
+    return layer if layer != name or version >= (5, 0) else SHORT_PASS_NAMES.get(name, name)
 
 
 def find_node_tree(owner: Any) -> Any:

@@ -18,16 +18,18 @@ from raytracer.processes.workers import WorkerError, Workers
 from raytracer.rendering.clusters import cast_blocks, render_on
 from raytracer.rendering.render import render
 from raytracer.scene.camera import Camera, Panorama
+from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
 from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion
-from raytracer.scene.programs import Image, Program, Register, Step, TiledImage
+from raytracer.scene.programs import Aovs, Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_file import load, save
 from raytracer.scene.shapes import Instances, Mesh, Spheres
 
 __all__ = [
     "VERSION",
+    "Aovs",
     "AreaLight",
     "Camera",
     "CameraMotion",
@@ -39,6 +41,7 @@ __all__ = [
     "Image",
     "InstanceMotion",
     "Instances",
+    "LightGroups",
     "Material",
     "Mesh",
     "MeshMotion",

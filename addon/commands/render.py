@@ -166,16 +166,17 @@ def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
 
 
 def enable_named_passes(scene: Any, names: tuple[str, ...]) -> None:
-    """Switch on the passes `names` in every view layer, and no others."""
-    from raytracer.film.passes import PASSES
+    """Switch on the passes `names` in every view layer, and no others but those that view layers name themselves."""
+    from raytracer.film.passes import PASSES, find_layer_name
 
-    from ..passes import enable_passes
+    from ..passes import enable_passes, list_named
 
-    unknown = [name for name in names if name not in PASSES]
+    named = {find_layer_name(name) for view_layer in scene.view_layers for name in list_named(view_layer)}
+    unknown = [name for name in names if name not in PASSES and name not in named]
     if unknown:
         raise CommandError(f"unknown pass {unknown[0]!r}: expected some of {', '.join(PASSES)}")
     for view_layer in scene.view_layers:
-        enable_passes(view_layer, names)
+        enable_passes(view_layer, tuple(name for name in names if name in PASSES))
 
 
 def number_path(path: Path, frame: int) -> Path:

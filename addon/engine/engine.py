@@ -24,11 +24,13 @@ from ..extract.scene import Extraction, extract_scene
 from ..extract.warnings import Warning
 from ..passes import declare_passes, enabled_passes
 from ..properties import ENGINE, settings_keywords
+from ..versions import find_world
 from ..viewport import viewport
 from ..viewport.viewport import Viewport
 from . import animation, checkpoints, orders, statistics, worker_pool
 from .animation import Frames
 from .first_look import show_first_look
+from .light_groups import give_groups
 from .mattes import describe_mattes, give_identities, name_things
 from .output import Border, RenderOutput, read_border
 
@@ -125,6 +127,8 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         warnings = (*extraction.warnings, *find_ignored_settings(scene, extraction.scene.motion is not None))
         things = name_things(extraction, enabled_passes(view_layer))
         traced = give_identities(extraction.scene, things)
+        world = find_world(scene, view_layer)
+        traced = give_groups(traced, extraction, world, enabled_passes(view_layer))
         film = make_film(engine, traced, depsgraph, border, progress, kept)
         if (film.width, film.height) == (border.width, border.height):  # a tile is no picture
             output.write(film.passes)

@@ -26,6 +26,7 @@ UNIFORM_SCALE_TOLERANCE = 64 * float(np.finfo(np.float32).eps)
 class Placed:
     """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres.
 
+    objects : of those, light_objects : of the lights
     rows : the placements that the instances are
     """
 
@@ -33,7 +34,8 @@ class Placed:
     spheres: tuple[raytracer.Spheres, ...]
     lights: tuple[Light, ...]
     objects: tuple[ObjectKey, ...]
-    rows: tuple[int, ...] = ()
+    light_objects: tuple[ObjectKey, ...]
+    rows: tuple[int, ...]
 
 
 def place_parts(
@@ -52,7 +54,7 @@ def place_parts(
     finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
     links = make_link_sets(placements.links, warnings)
     meshes: list[int] = []
-    spheres, lights, sphere_objects = [], [], []
+    spheres, lights, sphere_objects, light_objects = [], [], [], []
     for row, index in enumerate(placements.part):
         part = placements.parts[index]
         if not finite[row]:
@@ -66,6 +68,7 @@ def place_parts(
             sphere_objects.append(part.object)
         elif (light := _place_light(placements, row, matrices[row], warnings)) is not None:
             lights.append(replace(light, receivers=links[index].receivers))
+            light_objects.append(part.object)
     if shapes is not None and len(meshes) > 1:
         meshes = _sort_rows(placements, meshes, matrices, shapes)
     parts = [placements.parts[placements.part[row]] for row in meshes]
@@ -85,7 +88,7 @@ def place_parts(
         properties=_gather_properties([placements.properties[row] for row in meshes]),
     )
     objects = (*(part.object for part in parts), *sphere_objects)
-    return Placed(instances, tuple(spheres), tuple(lights), objects, tuple(meshes))
+    return Placed(instances, tuple(spheres), tuple(lights), objects, tuple(light_objects), tuple(meshes))
 
 
 def _place_light(placements: Placements, row: int, matrix: NDArray[np.float64], warnings: WarningList) -> Light | None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import raytracer
+from raytracer.film.passes import list_aovs
 
 from .. import versions
 from .camera import extract_camera
@@ -41,12 +42,14 @@ class Extraction:
 
     scene : raytracer.Scene
     objects : the object of each instance, numbered as `Hits.instance`: mesh instances, then groups of spheres
+    lights : the object of each light
     polygons : for each mesh of the scene (t,) int32, the Blender polygon of each triangle
     warnings : what could not be honoured
     """
 
     scene: raytracer.Scene
     objects: tuple[ObjectKey, ...]
+    lights: tuple[ObjectKey, ...]
     polygons: tuple[NDArray[np.int32], ...]
     warnings: tuple[Warning, ...]
 
@@ -64,7 +67,8 @@ def extract_scene(
     Parameters
     ----------
     depsgraph : bpy.types.Depsgraph
-    passes : the tracer's pass names; UV coordinates are read for the pass "UV" only
+    passes : the tracer's pass names; UV coordinates are read for the pass "UV" only, and what
+        shaders write for those that it is written to
     geometry_only : True leaves out camera, lights, world and materials, for casting rays
     space : bpy.types.SpaceView3D, which may hide objects and has a view of its own, so that no camera is read; None for
         renders
@@ -120,9 +124,8 @@ def _extract_scene(
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     camera = None if geometry_only or space else extract_camera(scene, warnings)
     last = kept or Kept()
-    materials = (
-        None if geometry_only else MaterialTable(warnings, last, tracks.frame if tracks else scene.frame_current)
-    )
+    frame = tracks.frame if tracks else scene.frame_current
+    materials = None if geometry_only else MaterialTable(warnings, last, frame, list_aovs(passes))
     meshes = MeshTable("UV" in passes, warnings, last)
     warn_missing(depsgraph, warnings)
     context = Context(view_layer, meshes, materials, warnings, space, last, tracks=tracks)
@@ -141,7 +144,7 @@ def _extract_scene(
         last.displaced = displaced
     world = None
     if view_layer.use_sky and not geometry_only:
-        world = extract_world(versions.find_world(scene, view_layer), warnings, images)
+        world = extract_world(versions.find_world(scene, view_layer), warnings, images, list_aovs(passes))
     if kept is not None and materials is not None:
         kept.replace(context.entries, meshes.finish(), materials)
     record = raytracer.Scene(
@@ -155,4 +158,4 @@ def _extract_scene(
         name=scene.name,
     )
     polygons = tuple(geometry.polygons for geometry in meshes.geometries)
-    return Extraction(record, placed.objects, polygons, warnings.records)
+    return Extraction(record, placed.objects, placed.light_objects, polygons, warnings.records)

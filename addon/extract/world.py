@@ -6,6 +6,7 @@ flags of rays are 0.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import raytracer
@@ -13,6 +14,7 @@ from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.programs import Program, Register
 
 from .. import versions
+from .shaders.aovs import read_aovs
 from .shaders.images import ImageTable
 from .shaders.materials import read_shine
 from .shaders.nodes import WarningContext, read_color
@@ -20,8 +22,10 @@ from .shaders.programs import ProgramBuilder
 from .warnings import WarningList
 
 
-def extract_world(world: Any, warnings: WarningList, images: ImageTable | None = None) -> raytracer.World | None:
-    """Return the world, or None for black: no world, no output, nothing linked."""
+def extract_world(
+    world: Any, warnings: WarningList, images: ImageTable | None = None, aovs: Sequence[str] = ()
+) -> raytracer.World | None:
+    """Return the world, or None for black: no world, no output, nothing linked; aovs : passes that it may write."""
     if world is None:
         return None
     node_tree = versions.find_node_tree(world)
@@ -33,14 +37,16 @@ def extract_world(world: Any, warnings: WarningList, images: ImageTable | None =
         return None
     if output.inputs["Volume"].is_linked:
         place.warn("volume is not supported, left out")
-    builder = ProgramBuilder(place, images or ImageTable())
+    images = images or ImageTable()
+    builder = ProgramBuilder(place, images)
     shine = read_shine(output.inputs["Surface"], builder)
+    written = read_aovs(node_tree, aovs, ProgramBuilder(place, images))
     if shine is None:
-        return None
+        return None if written is None else raytracer.World(0.0, aovs=written)
     seen_by = find_world_visibility(world)
     if isinstance(shine, Register):
-        return raytracer.World(shine, Program(builder.steps), seen_by, versions.read_world_bounces(world))
-    return raytracer.World(shine, seen_by=seen_by)
+        return raytracer.World(shine, Program(builder.steps), seen_by, versions.read_world_bounces(world), written)
+    return raytracer.World(shine, seen_by=seen_by, aovs=written)
 
 
 def find_world_visibility(world: Any) -> int:

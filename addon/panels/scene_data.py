@@ -104,6 +104,27 @@ class RAYTRACER_OBJECT_PT_ray_visibility(EnginePanel, bpy.types.Panel):
                 column.prop(context.object, name, text=label.capitalize())
 
 
+def draw_light_group(panel: Any, owner: Any, view_layer: Any) -> None:
+    """Draw the group of what shines, and a button that adds it to the view layer where that lacks it."""
+    row = split(panel).row(align=True)
+    row.prop_search(owner, "lightgroup", view_layer, "lightgroups", text="Light Group", results_are_suggestions=True)
+    button = row.column(align=True)
+    button.enabled = bool(owner.lightgroup) and owner.lightgroup not in view_layer.lightgroups
+    button.operator("scene.view_layer_add_lightgroup", icon="ADD", text="").name = owner.lightgroup
+
+
+class RAYTRACER_OBJECT_PT_light_group(EnginePanel, bpy.types.Panel):
+    """The group of lights that what an object, or a light, shines with belongs to."""
+
+    bl_label = "Light Group"
+    bl_context = "object"
+    bl_parent_id = "OBJECT_PT_shading"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        draw_light_group(self, context.object, context.view_layer)
+
+
 class RAYTRACER_MATERIAL_PT_settings(EnginePanel, bpy.types.Panel):
     """What of a material is not in its nodes."""
 
@@ -174,13 +195,30 @@ class RAYTRACER_WORLD_PT_ray_visibility(EnginePanel, bpy.types.Panel):
                 column.prop(visibility, name)
 
 
+class RAYTRACER_WORLD_PT_light_group(EnginePanel, bpy.types.Panel):
+    """The group of lights that the world belongs to."""
+
+    bl_label = "Light Group"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return context.world is not None and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        draw_light_group(self, context.world, context.view_layer)
+
+
 CLASSES = (
     RAYTRACER_LIGHT_PT_tracing,
     RAYTRACER_LIGHT_PT_nodes,
     RAYTRACER_OBJECT_PT_shadow_catcher,
     RAYTRACER_OBJECT_PT_ray_visibility,
+    RAYTRACER_OBJECT_PT_light_group,
     RAYTRACER_MATERIAL_PT_settings,
     RAYTRACER_WORLD_PT_preview,
     RAYTRACER_WORLD_PT_surface,
     RAYTRACER_WORLD_PT_ray_visibility,
+    RAYTRACER_WORLD_PT_light_group,
 )

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ..passes import MATTE_OPTIONS, PASSES, list_mattes
+from ..passes import DENOISING_DATA, MATTE_OPTIONS, PASSES, find_owner, list_mattes
 from .shared import EnginePanel, split
 
 
@@ -28,6 +28,44 @@ class RAYTRACER_VIEWLAYER_PT_cryptomatte(EnginePanel, bpy.types.Panel):
         levels = column.column()
         levels.active = bool(list_mattes(layer))
         levels.prop(layer, "pass_cryptomatte_depth", text="Levels")
+
+
+class RAYTRACER_VIEWLAYER_PT_aov(EnginePanel, bpy.types.Panel):
+    """Passes that shaders write by their AOV Output nodes."""
+
+    bl_label = "Shader AOV"
+    bl_context = "view_layer"
+    bl_parent_id = "RAYTRACER_VIEWLAYER_PT_passes"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        layer, row = context.view_layer, split(self).row()
+        row.column().template_list("VIEWLAYER_UL_aov", "aovs", layer, "aovs", layer, "active_aov_index", rows=3)
+        buttons = row.column(align=True)
+        buttons.operator("scene.view_layer_add_aov", icon="ADD", text="")
+        buttons.operator("scene.view_layer_remove_aov", icon="REMOVE", text="")
+        if layer.active_aov and not layer.active_aov.is_valid:
+            self.layout.label(text="Conflicts with another render pass of the same name", icon="ERROR")
+
+
+class RAYTRACER_VIEWLAYER_PT_light_groups(EnginePanel, bpy.types.Panel):
+    """Groups of lights, each of which has a pass of its own."""
+
+    bl_label = "Light Groups"
+    bl_context = "view_layer"
+    bl_parent_id = "RAYTRACER_VIEWLAYER_PT_passes"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        layer, row = context.view_layer, split(self).row()
+        row.column().template_list(
+            "UI_UL_list", "lightgroups", layer, "lightgroups", layer, "active_lightgroup_index", rows=3
+        )
+        buttons = row.column(align=True)
+        buttons.operator("scene.view_layer_add_lightgroup", icon="ADD", text="")
+        buttons.operator("scene.view_layer_remove_lightgroup", icon="REMOVE", text="")
+        buttons.separator()
+        buttons.menu("VIEWLAYER_MT_lightgroup_sync", icon="DOWNARROW_HLT", text="")
 
 
 class RAYTRACER_VIEWLAYER_PT_filter(EnginePanel, bpy.types.Panel):
@@ -65,9 +103,11 @@ class RAYTRACER_VIEWLAYER_PT_passes(EnginePanel, bpy.types.Panel):
 
     def draw(self, context: Any) -> None:
         column = split(self).column(heading="Include", align=True)
-        for name, stored in PASSES.items():
-            if name != "Combined":
-                column.prop(context.view_layer, stored.option, text=name)
+        shown = {stored.option: name for name, stored in PASSES.items()} | {DENOISING_DATA: "Denoising Data"}
+        for option, name in shown.items():
+            owner, own_name = find_owner(context.view_layer, option)
+            if name != "Combined" and owner is not None:
+                column.prop(owner, own_name, text=name)
 
 
 CLASSES = (
@@ -75,4 +115,6 @@ CLASSES = (
     RAYTRACER_VIEWLAYER_PT_override,
     RAYTRACER_VIEWLAYER_PT_passes,
     RAYTRACER_VIEWLAYER_PT_cryptomatte,
+    RAYTRACER_VIEWLAYER_PT_aov,
+    RAYTRACER_VIEWLAYER_PT_light_groups,
 )

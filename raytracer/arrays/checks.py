@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def _shape_matches(shape: tuple[int, ...], expected: Sequence[int | str]) -> bool:
+    if shape == expected:
+        return True
     if len(shape) != len(expected):
         return False
     sizes: dict[str, int] = {}
@@ -48,7 +50,7 @@ def as_array(value: ArrayLike, dtype: type, shape: Sequence[int | str], field: s
     except (TypeError, ValueError):
         kind = getattr(value, "dtype", None) or type(value).__name__
         raise ValueError(f"{field}: expected an array {_describe(dtype, shape)}, got {kind}") from None
-    if array.dtype != raw.dtype and np.issubdtype(dtype, np.integer) and (array != raw).any():
+    if array.dtype != raw.dtype and array.dtype.kind in "iu" and (array != raw).any():
         odd = raw[array != raw].flat[0]
         raise ValueError(f"{field}: expected an array {_describe(dtype, shape)}, got {odd}, which does not fit")
     if not _shape_matches(array.shape, shape):
@@ -66,6 +68,8 @@ def _describe(dtype: type, shape: Sequence[int | str]) -> str:
 
 def _convert(raw: NDArray[Any], dtype: type) -> NDArray[Any]:
     """Return an array of another type; TypeError where that is of another kind."""
+    if np.can_cast(raw.dtype, dtype):
+        return raw.astype(dtype, order="C")
     if raw.size and not np.can_cast(raw.dtype, dtype, casting="same_kind"):
         raise TypeError
     with np.errstate(over="ignore"):

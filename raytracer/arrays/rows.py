@@ -30,6 +30,14 @@ def any_column(mask: Booleans) -> Booleans:
     return found
 
 
+def all_columns(mask: Booleans) -> Booleans:
+    """Return (n,) True where all of a few columns of (n, k) are."""
+    found = mask[:, 0].copy()
+    for column in mask.T[1:]:
+        found &= column
+    return found
+
+
 def sum_columns(values: NDArray[Any]) -> NDArray[Any]:
     """Return the sums (n,) of a few columns of (n, k), from left to right."""
     total = values[:, 0].copy()

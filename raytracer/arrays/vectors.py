@@ -18,18 +18,15 @@ from raytracer.lecture import dot, length
 
 def normalize(vectors: Floats) -> Floats:
     """v / |v| of (..., k) vectors; a vector of zeros stays zero. The largest component is divided out first, so that
-    neither tiny nor huge vectors under- or overflow. Column by column, which takes a third of the time."""
+    neither tiny nor huge vectors under- or overflow."""
     rows = vectors.reshape(-1, vectors.shape[-1])
     scale = largest_column(np.abs(rows))
-    positive = scale > 0
-    scale[~positive] = 1.0
-    unit = np.empty(rows.shape)
-    for column, out in zip(rows.T, unit.T, strict=True):
-        np.divide(column, scale, out=out)
+    odd = np.flatnonzero(~(scale > 0))
+    scale[odd] = 1.0
+    unit = rows / scale[:, np.newaxis]
     size = length(unit)
-    size[~positive] = 1.0
-    for column in unit.T:
-        column /= size
+    size[odd] = 1.0
+    unit /= size[:, np.newaxis]
     return unit.reshape(vectors.shape)
 
 

@@ -12,6 +12,7 @@ E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, cha
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -261,12 +262,14 @@ def _choose_lobe(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.intp
 
     The lobe of a point that has none is -1.
     """
-    upper = np.cumsum(probabilities, axis=1)
-    at = choice * upper[:, -1]
-    lobe = (at[:, np.newaxis] >= upper).sum(axis=1)
-    lobe[upper[:, -1] == 0] = -1
+    upper = list(accumulate(probabilities.T))
+    at = choice * upper[-1]
+    lobe = np.zeros(len(choice), np.intp)
+    for column in upper:
+        lobe += at >= column
+    lobe[upper[-1] == 0] = -1
     rows = np.arange(len(choice))
     width = probabilities[rows, lobe]
-    lower = upper[rows, lobe] - width
+    lower = np.stack(upper)[lobe, rows] - width
     rest = np.divide(at - lower, width, out=np.zeros_like(choice), where=width > 0)
     return lobe, np.clip(rest, 0.0, np.nextafter(1.0, 0.0))

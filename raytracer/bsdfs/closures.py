@@ -142,6 +142,16 @@ class Shading:
             total[part.hit] += part.albedo
         return total
 
+    def average_diffuse_normal(self) -> Floats:
+        """(n, 3) unit, the normals of diffuse parts weighed by their albedos; the surface's where there are none."""
+        if not self.tilted:
+            return self.normal
+        total = mean_column(self.diffuse)[:, np.newaxis] * self.normal
+        for part in self.tilted:
+            side = -part.normal if part.transmits else part.normal
+            total[part.hit] += mean_column(part.albedo)[:, np.newaxis] * side
+        return np.where((total != 0).any(axis=1)[:, np.newaxis], normalize(total), self.normal)
+
     def average_normal(self) -> Floats:
         """(n, 3) unit, the normals of all parts weighed by their weights: textures bend them, and lobes are tilted to
         reflect to the surface's front. Where nothing has a normal of its own it is the surface's, to the last bit,

@@ -21,22 +21,27 @@ from raytracer.bsdfs.microfacet_albedo import read_schlick_share
 from raytracer.lecture import dot
 
 
-def sum_lobe_colors(shading: Shading) -> tuple[Floats, Floats]:
-    """Return what all lobes reflect, and what they transmit, of white light, (n, 3) each."""
+def sum_lobe_colors(shading: Shading, all_tabulated: bool = False) -> tuple[Floats, Floats]:
+    """Return what all lobes reflect, and what they transmit, of white light, (n, 3) each.
+
+    all_tabulated : True reads the table for glass as well, as Cycles does: its table is that of the outside on either
+        side, so that where all is reflected inside, some is lost
+    """
     reflected, transmitted = np.zeros((len(shading), 3)), np.zeros((len(shading), 3))
     for lobes in shading.lobes:
         cosine = np.clip(dot(take_rows(shading.outgoing, lobes.hit), lobes.normal), 0.0, 1.0)
         # The factor for light lost between facets is none of the color.
         weight = lobes.weight / lobes.energy_scale[:, np.newaxis]
-        for total, color in zip((reflected, transmitted), estimate_color(lobes, cosine), strict=True):
+        for total, color in zip((reflected, transmitted), estimate_color(lobes, cosine, all_tabulated), strict=True):
             total[lobes.hit] += weight * color
     return reflected, transmitted
 
 
-def estimate_color(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats]:
+def estimate_color(lobes: Microfacets, cosine: Floats, all_tabulated: bool = False) -> tuple[Floats, Floats]:
     """Return reflectance and transmittance (m, 3) of lobes seen at `cosine` (m,) from their normals."""
     reflectance, transmittance = evaluate_fresnel(lobes, cosine)
-    rows = np.flatnonzero((lobes.fresnel == DIELECTRIC) & ~lobes.is_perfect & ~any_column(lobes.transmission > 0))
+    is_tabulated = all_tabulated | (~lobes.is_perfect & ~any_column(lobes.transmission > 0))
+    rows = np.flatnonzero((lobes.fresnel == DIELECTRIC) & is_tabulated)
     if len(rows):
         share = read_schlick_share(np.sqrt(lobes.alpha[rows]), cosine[rows], lobes.eta[rows])[:, np.newaxis]
         f0 = lobes.f0[rows]

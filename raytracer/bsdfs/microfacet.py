@@ -109,18 +109,28 @@ def evaluate_fresnel(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats
     A DIELECTRIC lobe runs from its f0 to 1 as the real curve does, so that a tint of f0 keeps the angle dependence.
     """
     reflectance = np.ones((len(lobes), 3))
-    metal = np.flatnonzero(lobes.fresnel == METAL)
-    reflectance[metal] = metal_reflectance(cosine[metal, np.newaxis], lobes.f0[metal], lobes.f82[metal])
-    glassy = np.flatnonzero(lobes.fresnel == DIELECTRIC)
-    conducting = np.flatnonzero(lobes.fresnel == CONDUCTOR)
-    if len(conducting):
-        index, extinction = lobes.f0[conducting], lobes.f82[conducting]
-        reflectance[conducting] = conductor_reflectance(cosine[conducting, np.newaxis], index, extinction)
-    share = schlick_share(cosine[glassy], lobes.eta[glassy])[:, np.newaxis]
-    reflectance[glassy] = lobes.f0[glassy] + (1.0 - lobes.f0[glassy]) * share
+    for kind in (METAL, DIELECTRIC, CONDUCTOR):
+        rows = np.flatnonzero(lobes.fresnel == kind)
+        if len(rows) == len(lobes):  # nearly always, and nothing is copied
+            reflectance = _reflect_by_kind(kind, cosine, lobes.f0, lobes.f82, lobes.eta)
+            break
+        if len(rows):
+            described = (take_rows(values, rows) for values in (lobes.f0, lobes.f82, lobes.eta))
+            reflectance[rows] = _reflect_by_kind(kind, cosine[rows], *described)
+    if not lobes.transmission.any():
+        return reflectance * lobes.reflection, np.zeros((len(lobes), 3))
     passing = np.where(lobes.fresnel[:, np.newaxis] == CONSTANT, 1.0, 1.0 - reflectance)
     total = (transmitted_cosine(cosine, lobes.eta) == 0)[:, np.newaxis]
     return reflectance * lobes.reflection, np.where(total, 0.0, passing * lobes.transmission)
+
+
+def _reflect_by_kind(kind: int, cosine: Floats, f0: Floats, f82: Floats, eta: Floats) -> Floats:
+    """Return the reflectance (m, 3) of facets of one kind; fields as in `Microfacets`."""
+    if kind == METAL:
+        return metal_reflectance(cosine[:, np.newaxis], f0, f82)
+    if kind == DIELECTRIC:
+        return f0 + (1.0 - f0) * schlick_share(cosine, eta)[:, np.newaxis]
+    return conductor_reflectance(cosine[:, np.newaxis], f0, f82)
 
 
 # The lobes -----------------------------------------------------------------------------------------------------------
@@ -131,6 +141,8 @@ def _half_vectors(lobes: Microfacets, outgoing: Floats, incoming: Floats, passes
 
     By Snell's law o + eta i points to the side with the higher index of refraction; facets are turned to the viewer.
     """
+    if not passes.any():
+        return normalize(incoming + outgoing)
     sign = np.where(lobes.eta > 1.0, -1.0, 1.0)[:, np.newaxis]
     bent = sign * (lobes.eta[:, np.newaxis] * incoming + outgoing)
     halfway: Floats = np.where(passes[:, np.newaxis], bent, incoming + outgoing)
@@ -157,20 +169,34 @@ def evaluate_microfacets(
     cos_facet = dot(lobes.normal, half)
     possible = (cos_out > 0) & (cos_in != 0) & (cos_half_out > 0) & ((cos_half_in < 0) == passes) & ~lobes.is_perfect
     possible &= cos_facet > 0
-    reflectance, transmittance = evaluate_fresnel(lobes, np.clip(cos_half_out, 0.0, 1.0))
-    span = lobes.eta[:, np.newaxis] * incoming + outgoing
-    bend = lobes.eta**2 * np.abs(cos_half_out * cos_half_in) / np.where(passes & possible, dot(span, span), 1.0)
+    value, choice = _choose_side(*evaluate_fresnel(lobes, np.clip(cos_half_out, 0.0, 1.0)), passes)
     facets = _describe_facets(lobes, (half, cos_facet), (outgoing, cos_out), (incoming, cos_in))
-    common = np.where(passes, bend, 0.25) * facets.density
+    common = 0.25 * facets.density
+    rows = np.flatnonzero(passes & possible)
+    if len(rows):
+        span = lobes.eta[rows, np.newaxis] * incoming[rows] + outgoing[rows]
+        bend = lobes.eta[rows] ** 2 * np.abs(cos_half_out[rows] * cos_half_in[rows]) / dot(span, span)
+        common[rows] = bend * facets.density[rows]
     common = np.where(possible, common / np.where(possible, cos_out, 1.0), 0.0)
     visible = 1.0 / (1.0 + facets.shadow_out)
     if lobes.beckmann:  # all facets are sampled, with the density D cos of their normals
         visible = cos_out * cos_facet / np.where(possible, cos_half_out, 1.0)
-    value = np.where(passes[:, np.newaxis], transmittance, reflectance)
-    choice = _reflection_probability(reflectance, transmittance)
     sampled = ((dot(geometric_normal, incoming) < 0) == passes) & any_column(value > 0)
-    density = np.where(sampled, common * np.where(passes, 1.0 - choice, choice) * visible, 0.0)
+    density = np.where(sampled, common * choice * visible, 0.0)
     return lobes.weight * value * (common / (1.0 + facets.shadow_out + facets.shadow_in))[:, np.newaxis], density
+
+
+def _choose_side(reflectance: Floats, transmittance: Floats, passes: Booleans) -> tuple[Floats, Floats]:
+    """Return what of the light (m, 3) goes to the side that each direction is on, and the probability (m,) with which
+    sampling chooses that side.
+
+    passes : (m,) True where it is the other side of the surface
+    """
+    probability = _reflection_probability(reflectance, transmittance)
+    if not passes.any():
+        return reflectance, probability
+    light = np.where(passes[:, np.newaxis], transmittance, reflectance)
+    return light, np.where(passes, 1.0 - probability, probability)
 
 
 class _Facets(NamedTuple):
@@ -232,14 +258,15 @@ def sample_microfacets(
     reflectance, transmittance = evaluate_fresnel(lobes, cos_half)
     probability = _reflection_probability(reflectance, transmittance)
     passes = choice >= probability
-    through = refract(outgoing, half, lobes.eta)
-    direction = np.where(passes[:, np.newaxis], through, reflect(outgoing, half))
-    light = np.where(passes[:, np.newaxis], transmittance, reflectance)
+    direction, rows = reflect(outgoing, half), np.flatnonzero(passes)
+    if len(rows):
+        direction[rows] = refract(take_rows(outgoing, rows), take_rows(half, rows), lobes.eta[rows])
+    light, taken = _choose_side(reflectance, transmittance, passes)
     valid = (dot(lobes.normal, outgoing) > 0) & any_column(light > 0)
     for normal in (lobes.normal, geometric_normal):
         valid &= (dot(normal, direction) < 0) == passes
-    taken = np.where(passes, 1.0 - probability, probability)[:, np.newaxis]
-    weight = lobes.weight * np.divide(light, taken, out=np.zeros_like(light), where=taken > 0)
+    share = taken[:, np.newaxis]
+    weight = lobes.weight * np.divide(light, share, out=np.zeros_like(light), where=share > 0)
     return LobeSamples(direction, valid, lobes.is_perfect, weight)
 
 

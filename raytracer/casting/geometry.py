@@ -21,6 +21,8 @@ from raytracer.arrays.types import Booleans, Floats, Integers
 from raytracer.scene.scene import Scene
 
 Ids = NDArray[np.int64]
+# Triangles whose corners are gathered together.
+BLOCK = 1 << 16
 
 
 class Kind(IntEnum):
@@ -97,6 +99,9 @@ def _lies_within(numbers: NDArray[Any], ends: tuple[int, ...], kind: Kind) -> Bo
 
 
 def _stack(arrays: list[NDArray], shape: tuple[int, ...], dtype: type) -> NDArray:
+    """Return all arrays as one; that of a single mesh, which may be large, is not copied."""
+    if len(arrays) == 1:
+        return arrays[0]
     return np.concatenate(arrays) if arrays else np.zeros((0, *shape), dtype)
 
 
@@ -112,7 +117,7 @@ def pack_geometry(scene: Scene) -> Geometry:
         if key not in slices or not len(mesh.triangles):
             slices[key] = (triangle_count, len(mesh.triangles))
             positions.append(mesh.positions)
-            triangles.append(mesh.triangles + np.int32(vertex_count))
+            triangles.append(mesh.triangles + np.int32(vertex_count) if vertex_count else mesh.triangles)
             vertex_count += len(mesh.positions)
             triangle_count += len(mesh.triangles)
         ranges.append(slices[key])
@@ -153,6 +158,11 @@ def join_id(geometry: Geometry, instance: Integers, primitive: Integers) -> Ids:
     return geometry.first_id[instance] + primitive
 
 
+def list_meshes(geometry: Geometry, instances: NDArray) -> NDArray[np.intp]:
+    """Return the numbers of the meshes that instances (k,) are of, ascending; no sorting of a million instances."""
+    return np.flatnonzero(np.bincount(geometry.instance_mesh[instances]))
+
+
 def world_corners(geometry: Geometry, instance: Integers, primitive: Integers) -> Corners:
     """Return the world-space corners a, b, c, each (n, 3) float64, of triangles given by instance and primitive."""
     row = geometry.mesh_first[geometry.instance_mesh[instance]] + primitive
@@ -164,12 +174,20 @@ def world_corners(geometry: Geometry, instance: Integers, primitive: Integers) -
 
 def instance_corners(geometry: Geometry, instance: int) -> Floats:
     """Return all world-space triangles of one instance, (t, 3 corners, 3) float64."""
-    mesh = geometry.instance_mesh[instance]
-    first, count = geometry.mesh_first[mesh], geometry.mesh_count[mesh]
-    triangles = geometry.triangles[first : first + count]
-    if not count:
-        return np.zeros((0, 3, 3))
+    corners: Floats = np.empty((geometry.mesh_count[geometry.instance_mesh[instance]], 3, 3))
+    fill_corners(geometry, instance, corners)
+    return corners
+
+
+def fill_corners(geometry: Geometry, instance: int, corners: NDArray) -> None:
+    """Set (t, 3 corners, 3) to all world-space triangles of one instance, block by block."""
+    first = geometry.mesh_first[geometry.instance_mesh[instance]]
+    triangles = geometry.triangles[first : first + len(corners)]
+    if not len(triangles):
+        return
     low, high = triangles.min(), triangles.max()
     # Once for each vertex: triangles share them.
     positions = transform_points(geometry.world_from_object[instance], geometry.positions[low : high + 1])
-    return positions.take(triangles - low, axis=0)
+    for start in range(0, len(corners), BLOCK):
+        part = slice(start, start + BLOCK)
+        corners[part] = positions.take(triangles[part] - low, axis=0)

@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
-from raytracer.casting.geometry import Geometry, Ids, Kind, instance_corners, split_id, world_corners
+from raytracer.casting.geometry import Geometry, Ids, Kind, fill_corners, list_meshes, split_id, world_corners
 from raytracer.predicates.rounding import gamma
+
+# Instances whose boxes are found together: what they need stays within the cache.
+BLOCK = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +49,7 @@ def make_primitives(geometry: Geometry, precision: str, flattened: Booleans) -> 
     first_row = np.concatenate([[0], np.cumsum(np.where(flattened, counts, 0))]).astype(np.int64)
     corners = np.empty((first_row[-1], 9), np.float32 if precision == "float32" else np.float64)
     for instance in np.flatnonzero(flattened):  # one array operation per instance, when the caster is built
-        corners[first_row[instance] : first_row[instance + 1]] = instance_corners(geometry, instance).reshape(-1, 9)
+        fill_corners(geometry, instance, corners[first_row[instance] : first_row[instance + 1]].reshape(-1, 3, 3))
     points = corners.reshape(-1, 3)
     placed = instance_bounds(geometry, np.flatnonzero(~flattened)).reshape(-1, 3)
     everything = np.concatenate([extremes(points), placed])
@@ -66,12 +69,16 @@ def extremes(points: NDArray) -> NDArray:
 def instance_bounds(geometry: Geometry, instances: NDArray) -> Floats:
     """Return world boxes (k, 2, 3) that hold every rounded world corner of the given instances."""
     boxes = np.zeros((len(geometry.mesh_first), 2, 3))
-    for mesh in np.unique(geometry.instance_mesh[instances]):
+    for mesh in list_meshes(geometry, instances):
         first, count = geometry.mesh_first[mesh], geometry.mesh_count[mesh]
         if count:
             used = geometry.positions[geometry.triangles[first : first + count].ravel()]
             boxes[mesh] = extremes(used)
-    return bound_images(geometry.world_from_object[instances], boxes[geometry.instance_mesh[instances]])
+    mesh, bounds = geometry.instance_mesh, np.empty((len(instances), 2, 3))
+    for start in range(0, len(instances), BLOCK):
+        part = instances[start : start + BLOCK]
+        bounds[start : start + BLOCK] = bound_images(geometry.world_from_object[part], boxes.take(mesh[part], axis=0))
+    return bounds
 
 
 def bound_images(matrix: Floats, box: Floats) -> Floats:
@@ -81,13 +88,15 @@ def bound_images(matrix: Floats, box: Floats) -> Floats:
     The box of an affine image: centre M c, half size |M| h. Six roundings each at most (Higham's gamma), relative to
     |M| (|c| + h) + |translation|, are added.
     """
-    linear, translation = matrix[:, :3, :3], matrix[:, :3, 3]
-    centre, half = box.mean(axis=1), (box[:, 1] - box[:, 0]) / 2
-    middle = np.einsum("kij,kj->ki", linear, centre) + translation
-    size = np.einsum("kij,kj->ki", np.abs(linear), half)
-    scale = np.einsum("kij,kj->ki", np.abs(linear), np.abs(box).max(axis=1)) + np.abs(translation)
+    x, y, z, translation = np.ascontiguousarray(matrix[:, :3].transpose(2, 1, 0))  # (3, k) each: columns
+    low, high = np.ascontiguousarray(box.transpose(1, 2, 0))  # (3, k) each
+    centre, half, largest = (low + high) / 2, (high - low) / 2, np.maximum(np.abs(low), np.abs(high))
+    middle = x * centre[0] + y * centre[1] + z * centre[2] + translation
+    x, y, z, translation = (np.abs(column) for column in (x, y, z, translation))
+    size = x * half[0] + y * half[1] + z * half[2]
+    scale = x * largest[0] + y * largest[1] + z * largest[2] + translation
     reach = size + gamma(16) * scale
-    return np.stack([middle - reach, middle + reach], axis=1)
+    return np.stack([middle - reach, middle + reach]).transpose(2, 0, 1)
 
 
 def find_rows(primitives: Primitives, primitive_id: Ids) -> Ids:

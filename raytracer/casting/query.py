@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.casting.edges import judge_edges, name_axis_planes, name_meeting_points
 from raytracer.casting.geometry import Ids, Kind
-from raytracer.casting.measure import TURNS, Chosen, gather_lines, gather_turned, measure_hits
+from raytracer.casting.measure import TURNS, Chosen, gather_lines, gather_turned, lie_out_of_range, measure_hits
 from raytracer.casting.order import Order
 from raytracer.casting.passed import Passed, bound_distances, find_keys
 from raytracer.casting.primitives import Primitives, gather_corners, gather_spheres
@@ -281,12 +281,15 @@ class Query:
         everything = _join(self.pool)
         return everything.select(np.flatnonzero(everything.low <= self.best.take(everything.ray)))
 
+    @np.errstate(all="ignore")
     def found_any(self) -> Booleans:
         """(n,) bool: the answers of an any-hit query."""
         found = self.best_id != NO_ID
         if self.certified:
             left = self._remaining()
-            left = self._sort(left.select(np.flatnonzero(~found[left.ray])))  # a certain hit leaves no doubt
+            left = left.select(np.flatnonzero(~found[left.ray]))  # a certain hit leaves no doubt
+            beyond = lie_out_of_range(self.primitives, self.rays, self.t_min, left.ray, left.primitive_id)
+            left = self._sort(left.select(np.flatnonzero(~beyond)))
             for start, stop in _runs(left.ray):
                 found[left.ray[start]] = self._decide(left, start, stop).chosen >= 0
         return found

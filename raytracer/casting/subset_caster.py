@@ -80,4 +80,5 @@ def take_part(scene: Scene, present: Booleans) -> Scene:
         meshes=[scene.meshes[index] for index in used],
         instances=Instances(mesh, matrices[placed]),
         spheres=[group for group, stays in zip(scene.spheres, present[count:], strict=True) if stays],
+        light_groups=None,  # which number objects
     )

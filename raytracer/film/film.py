@@ -31,14 +31,14 @@ from raytracer.film.on_demand import PassesOnDemand
 from raytracer.film.passes import (
     CAUGHT,
     LENGTH,
-    PASSES,
-    STORED,
+    find_pass,
     matte_pass,
     matte_table,
     select_mattes,
     select_passes,
 )
 from raytracer.film.picture_key import PictureKey
+from raytracer.film.shown import divide_by_color, find_shadows, show_shadows
 
 # In `Film.arrays`, what is after the name of a pass whose sum is that of the second replication alone.
 SECOND = ", second replication"
@@ -77,7 +77,7 @@ class Film:
     was divided among blocks or workers. Only the passes asked for are stored.
 
     width, height : pixels
-    names : the passes, names from PASSES
+    names : the passes, names that `passes.find_pass` knows
     samples : finished sweeps over the whole film
     cancelled : True where the render was stopped before it was done
     ended_by : what it was done by, 'samples', 'error' or 'time'; 'cancelled' where the user stopped it, '' before
@@ -128,11 +128,11 @@ class Film:
     def __post_init__(self) -> None:
         pixels = self.width * self.height
         sampled = select_passes(self.names, from_centre=False)
-        self._means = tuple(name for name in sampled if not PASSES[name].matte) + ((CAUGHT,) if self.catches else ())
+        self._means = tuple(name for name in sampled if not find_pass(name).matte) + ((CAUGHT,) if self.catches else ())
         # Adaptive, a pixel is the mean of both replications' means; else only the error needs them apart.
         self._seconds = tuple(name for name in self._means if self.pilot or name in ("Combined", CAUGHT))
         stored = (*self._means, *select_passes(self.names, from_centre=True))
-        self.arrays = {name: np.zeros((pixels, STORED[name].channels)) for name in stored}
+        self.arrays = {name: np.zeros((pixels, find_pass(name).channels)) for name in stored}
         self.arrays |= {name + SECOND: np.zeros_like(self.arrays[name]) for name in self._seconds}
         self._mattes = select_mattes(self.names)
         self.arrays |= {matte_table(kind): np.zeros((pixels, 2 * slots)) for kind, slots in self._mattes.items()}
@@ -203,12 +203,12 @@ class Film:
         """
         if name not in self.names:
             raise KeyError(f"the film has no pass {name!r}; it has {', '.join(self.names)}")
-        picture = np.empty((self.height, self.width, PASSES[name].channels), dtype=np.float32)
+        picture = np.empty((self.height, self.width, find_pass(name).channels), dtype=np.float32)
         errors = self._smooth_errors() if name == "Error" else None
         for row in range(self.height):  # a row at a time: a large film leaves no room for a second one in float64
             pixels = slice(row * self.width, (row + 1) * self.width)
             values = self._read(name, pixels) if errors is None else errors[pixels, np.newaxis]
-            if PASSES[name].exposed and self.exposure != 1.0:
+            if find_pass(name).exposed and self.exposure != 1.0:
                 values = values * np.where(np.arange(values.shape[1]) < 3, self.exposure, 1.0)  # alpha is no light
             picture[self.height - 1 - row] = np.clip(values, -LARGEST, LARGEST)  # float32 has no more
         return picture
@@ -217,15 +217,15 @@ class Film:
         """Return the values (n, channels) of a pass other than Error in some pixels."""
         if name == "Sample Count":
             return self.arrays[name][pixels].sum(axis=1, keepdims=True, dtype=np.float64)
-        if PASSES[name].from_centre:
+        if find_pass(name).from_centre:
             return self.arrays[name][pixels]
-        if PASSES[name].matte:
+        if find_pass(name).matte:
             return self._read_matte(name, pixels)
         return self._show(name, lambda stored: self._average(stored, pixels))
 
     def _read_matte(self, name: str, pixels: slice) -> Floats:
         """Return two slots (n, 4) of each pixel's table, hash and share of its samples in turn."""
-        kind = PASSES[name].matte
+        kind = find_pass(name).matte
         table = sort_slots(self.arrays[matte_table(kind)][pixels])
         first = 4 * int(name.removeprefix(matte_pass(kind, 0)[:-2]))
         shown = table[:, first : first + 4].copy()
@@ -234,10 +234,13 @@ class Film:
 
     def _show(self, name: str, average: Callable[[str], Floats]) -> Floats:
         """Return what is seen of a pass, (n, channels), by its mean."""
-        if name == "Combined" and self.catches:
+        if name == "Shadow Catcher":
+            return find_shadows(average(CAUGHT)) if self.catches else np.ones((len(average("Combined")), 3))
+        if name == "Combined" and self.catches and "Shadow Catcher" not in self.names:
             return show_shadows(average(name), average(CAUGHT))
-        if PASSES[name].color:
-            return divide_by_color(average(name), average(PASSES[name].color))
+        color = find_pass(name).color
+        if color:
+            return divide_by_color(average(name), average(color))
         return average(name)
 
     def _average(self, name: str, pixels: slice) -> Floats:
@@ -310,41 +313,3 @@ class Film:
         for _ in range(SHARED):
             scatter = share_with_neighbors(scatter)
         return np.sqrt(scatter.ravel() / np.maximum(counts, 0.5))
-
-
-def divide_by_color(light: Floats, color: Floats) -> Floats:
-    """Return light (n, 3) over the color (n, 3) of the surfaces that have sent it.
-
-    A channel in which they send nothing gets what the others have on average, so that the light stays grey.
-
-    References
-    ----------
-    Blender, intern/cycles/util/color.h: safe_divide_even_color.
-    """
-    known = color != 0
-    quotient = np.divide(light, color, out=np.zeros_like(light), where=known)
-    mean = quotient.sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), 1)
-    return np.where(known, quotient, mean)
-
-
-def show_shadows(combined: Floats, caught: Floats) -> Floats:
-    """Return what is seen in front of shadow catchers (n, 4) over their shadows over the background.
-
-    The light of catchers, with all objects over without, as a factor of the footage behind the picture. What darkens
-    it is shown as black of the alpha 1 - mean(factor); brightening, such as of caustics, cannot be shown.
-
-    Parameters
-    ----------
-    combined, caught : (n, 4), (n, 11) float64, means of pixels, in the order of CAUGHT
-
-    References
-    ----------
-    Blender, intern/cycles/kernel/film/read.h: film_calculate_shadow_catcher_matte_with_shadow.
-    """
-    lit, alone, opacity, backdrop = np.split(caught, (3, 6, 7), axis=1)
-    factor = np.divide(lit, alone, out=np.ones_like(lit), where=alone != 0)
-    factor = 1.0 + np.clip(opacity, 0.0, 1.0) * (factor - 1.0)
-    shadow = 1.0 - np.clip(factor.mean(axis=1), 0.0, 1.0)
-    shown = combined.copy()
-    shown[:, 3] += (1.0 - combined[:, 3]) * shadow
-    return shown + (1.0 - shown[:, 3:]) * backdrop

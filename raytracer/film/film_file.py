@@ -16,7 +16,7 @@ import numpy as np
 
 from raytracer.files.archive import Archive, open_archive, take_table, write_archive
 from raytracer.film.film import Film, Statistics
-from raytracer.film.passes import PASSES
+from raytracer.film.passes import is_pass
 from raytracer.film.picture_key import PictureKey, restore_key
 from raytracer.scene.scene_file import is_scene_file
 
@@ -116,7 +116,7 @@ def restore_film(outline: dict[str, Any], size: int) -> Film:
         raise ValueError(f"a film of the size {width} x {height}")
     if not 0 < width * height <= min(size, MOST_PIXELS) or fields["ahead"] > width * height:
         raise ValueError(f"{width} x {height} pixels, which the file does not hold")
-    if not isinstance(names, tuple) or not all(isinstance(name, str) and name in PASSES for name in names):
+    if not isinstance(names, tuple) or not all(is_pass(name) for name in names):
         raise ValueError(f"the passes {names}")
     return Film(**fields, statistics=Statistics(**take_table(outline.get("statistics"))))
 

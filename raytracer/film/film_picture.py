@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from raytracer.files.exr import write_exr
 from raytracer.film.film import Film
+from raytracer.film.passes import find_layer_name
 
 # What channels are called where numbers are no colors; by number of channels where they are.
 LETTERS = {"Depth": "Z", "Position": "XYZ", "Normal": "XYZ", "UV": "UVA"}
@@ -32,6 +33,6 @@ def list_channels(film: Film) -> Iterator[tuple[str, NDArray[np.float32]]]:
     for name in film.names:
         values = film[name]
         letters = LETTERS.get(name, COLOR_LETTERS[values.shape[2]])
-        layer = "" if name == "Combined" else f"{name}."
+        layer = "" if name == "Combined" else f"{find_layer_name(name)}."
         for channel, letter in enumerate(letters):
             yield f"{layer}{letter}", values[..., channel]

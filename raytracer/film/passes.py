@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,34 @@ PASSES = {
     "Mist": Pass(1, miss=1.0),  # 0 near the camera to 1 in the distance
     **{matte_pass(kind, number): Pass(4, matte=kind) for kind in MATTES for number in range(MOST_MATTES)},
     "Emission": Pass(3, needs_light=True, exposed=True),
+    "Ambient Occlusion": Pass(3, needs_light=True),  # share of what is around that is open
     "Shadow": Pass(3, needs_light=True),  # share of the direct light that reaches the surface
+    "Denoising Normal": Pass(3, needs_light=True),  # camera space, of what is seen, in mirrors too
+    "Denoising Albedo": Pass(3, needs_light=True),
+    "Denoising Depth": Pass(1, needs_light=True),
+    # The light of shadow catchers, with all else over without: a factor of the footage behind the picture. Where it is
+    # asked for, Combined shows no shadows itself, as in Cycles.
+    "Shadow Catcher": Pass(3, needs_light=True, is_derived=True),
     "Error": Pass(
         1, needs_light=True, is_derived=True, exposed=True
     ),  # standard error of Combined, the root mean square of R, G, B
     "Sample Count": Pass(1, is_derived=True),
 }
+
+
+# What begins the names of passes that a scene names itself, values and colors that its shaders write (AOVs), and what
+# they hold. Of a color, alpha counts the surfaces that have written it.
+AOV_VALUE, AOV_COLOR = "AOV Value ", "AOV Color "
+LIGHT_GROUP = "Combined_"  # the light of a group alone
+NAMED = {AOV_VALUE: Pass(1), AOV_COLOR: Pass(4), LIGHT_GROUP: Pass(3, needs_light=True, exposed=True)}
+
+
+# What denoisers take.
+GUIDES = ("Denoising Normal", "Denoising Albedo", "Denoising Depth")
+
+
+# What is told from the samples of Combined.
+MADE_OF_COMBINED = ("Error", "Shadow Catcher")
 
 
 # Kept beside Combined where a scene has shadow catchers, which then is what is seen in front of them. Of the paths that
@@ -91,7 +114,56 @@ CAUGHT = "Caught"
 # Beside Combined where samples are adaptive: how many casts the path of a sample took.
 LENGTH = "Path Length"
 
-STORED = {**PASSES, CAUGHT: Pass(11)}
+HIDDEN = {CAUGHT: Pass(11)}
+
+
+def find_pass(name: str) -> Pass:
+    """Return what a pass holds, one that a scene has named too.
+
+    Raises
+    ------
+    KeyError
+        If no pass can have that name.
+
+    Examples
+    --------
+    >>> find_pass("AOV Value mask").channels
+    1
+    """
+    found = PASSES.get(name) or HIDDEN.get(name)
+    if found is not None:
+        return found
+    for start, kind in NAMED.items():
+        if name.startswith(start) and name != start:
+            return kind
+    raise KeyError(name)
+
+
+def is_pass(name: Any) -> bool:
+    """True for the name of a pass."""
+    is_named = isinstance(name, str) and any(name.startswith(start) and name != start for start in NAMED)
+    return is_named or name in PASSES
+
+
+def list_aovs(names: Iterable[str]) -> tuple[str, ...]:
+    """Return those of the passes that shaders write."""
+    return tuple(name for name in names if name.startswith((AOV_VALUE, AOV_COLOR)))
+
+
+def list_light_groups(names: Iterable[str]) -> tuple[str, ...]:
+    """Return those of the passes that show the light of a group."""
+    return tuple(name for name in names if name.startswith(LIGHT_GROUP))
+
+
+def find_layer_name(name: str) -> str:
+    """Return what a file calls a pass.
+
+    Examples
+    --------
+    >>> find_layer_name("AOV Color mask"), find_layer_name("Depth")
+    ('mask', 'Depth')
+    """
+    return name.removeprefix(AOV_VALUE).removeprefix(AOV_COLOR)
 
 
 def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
@@ -104,8 +176,10 @@ def select_passes(names: Iterable[str], from_centre: bool) -> tuple[str, ...]:
     """
     made_of: dict[str, None] = {}
     for name in names:
-        made_of |= dict.fromkeys(("Combined" if name == "Error" else name, *filter(None, (PASSES[name].color,))))
-    return tuple(name for name in made_of if PASSES[name].from_centre == from_centre and not PASSES[name].is_derived)
+        source = "Combined" if name in MADE_OF_COMBINED else name
+        made_of |= dict.fromkeys((source, *filter(None, (find_pass(name).color,))))
+    kinds = {name: find_pass(name) for name in made_of}
+    return tuple(name for name, kind in kinds.items() if kind.from_centre == from_centre and not kind.is_derived)
 
 
 def select_mattes(names: Iterable[str]) -> dict[str, int]:
@@ -118,7 +192,7 @@ def select_mattes(names: Iterable[str]) -> dict[str, int]:
     """
     slots: dict[str, int] = {}
     for name in names:
-        kind = PASSES[name].matte
+        kind = find_pass(name).matte
         if kind:
             slots[kind] = max(slots.get(kind, 0), 2 * int(name.removeprefix(f"Crypto{kind}")) + 2)
     return slots

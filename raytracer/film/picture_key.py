@@ -1,8 +1,9 @@
 """What decides the bits of a picture, and so which films may go on with one another or be put together.
 
 The scene, the settings that change a sample's value, the size of the whole picture and the version of the ray tracer.
-NumPy and the processor are not among them: float64 sums may differ in their last bits between processors (float32
-pictures of the project's scenes do not), and films of both may be merged.
+NumPy and the processor are not among them: films of different ones may be merged. Their float64 sums may differ by a
+billionth; a float32 picture is the same, or has the next number where a sum is as near as that to the border between
+two (of the project's scenes none has).
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from raytracer.film.mattes import add_coverage
 from raytracer.film.passes import matte_table
 from raytracer.integrator.bounces import meet_lights
 from raytracer.integrator.clamping import clamp_met
+from raytracer.integrator.denoising import add_met_guides
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_passes import add_met
 from raytracer.integrator.paths import PathPasses, Paths, Wave
@@ -33,6 +34,7 @@ from raytracer.sampling.direction_map import map_density
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import power_heuristic
 from raytracer.scene.fields import SEEN_BY_ALL
+from raytracer.scene.light_groups import NO_GROUP
 from raytracer.scene.lights import Light
 from raytracer.shading.light_path import FARTHEST, LightPath, put_further
 from raytracer.shading.occlusion import Probe
@@ -44,19 +46,24 @@ OPAQUE_ENOUGH = 0.5
 
 
 def add_background(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> None:
-    """Rays that hit nothing see the world; where it is left out of the picture, what is seen straight is alpha."""
+    """Rays that hit nothing see the world; where it is left out of the picture, what is seen straight is alpha.
+
+    Passes of it alone, of its group of lights, and what guides denoisers have it all the same, as in Cycles.
+    """
     missed = paths.select(np.flatnonzero(~hits.hit))
     if integrator.settings.transparent:
         passes.background[missed.row[missed.direct]] += mean_column(missed.throughput[missed.direct])
-        if integrator.background is not None and "Environment" in passes.values:
+        shows = "Environment" in passes.values or passes.guides is not None or bool(passes.light_groups)
+        if integrator.background is not None and shows:
             seen = missed.select(missed.direct)
-            passes.add("Environment", seen.row, see_background(integrator, integrator.background, seen))
+            light = see_background(integrator, integrator.background, seen)
+            passes.add("Environment", seen.row, light)
+            passes.add_grouped(seen.row, light, integrator.world_group)
+            add_met_guides(passes, seen, light)
         missed = missed.select(~missed.direct)
     if integrator.background is not None and len(missed):
         light = see_background(integrator, integrator.background, missed)
-        passes.add("Combined", missed.row, light)
-        passes.add("Environment", missed.row[missed.direct], light[missed.direct])
-        add_met(passes, missed, light)
+        add_met(passes, missed, light, "Environment", integrator.world_group)
         if passes.backdrop is not None:
             passes.backdrop[missed.row[missed.direct]] += light[missed.direct]
 
@@ -104,39 +111,36 @@ def add_visible_light(
 
     chance : with which the light was aimed at where the rays come from, one for all or (n,)
     """
-    rows = np.flatnonzero(meet_lights(paths.kind, light.seen_by))
-    paths = paths.select(rows)
     unit = length(paths.rays.directions)
     seen = evaluate_light(light, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
     begun = (paths.travelled < seen.distance) | (paths.travelled == 0)
-    passed = (seen.density > 0) & begun & (seen.distance <= hits.distance[rows] * unit)
+    passed = (seen.density > 0) & begun & (seen.distance <= hits.distance * unit)
+    passed &= meet_lights(paths.kind, light.seen_by)
     if integrator.links is not None:
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
+    rows = np.flatnonzero(passed)
+    if not len(rows):
+        return
+    paths, seen = paths.select(rows), seen.select(rows)
     sampled = seen.density if isinstance(chance, float) else seen.density * chance[rows]
-    share = np.where(passed, power_heuristic(paths.density, sampled), 0.0)[:, np.newaxis]
+    share = power_heuristic(paths.density, sampled)[:, np.newaxis]
     computed = integrator.light_nodes.get(light)
-    radiance = seen.radiance if computed is None else vary_seen(computed, paths, seen, passed)
+    radiance = seen.radiance if computed is None else vary_seen(computed, paths, seen)
     radiance = clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
-    passes.add("Combined", paths.row, radiance)
-    passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
-    add_met(passes, paths, radiance)
+    add_met(passes, paths, radiance, "Emission", integrator.find_group(light))
 
 
-def vary_seen(computed: ComputedLight, paths: Paths, seen: LightHits, passed: Booleans) -> Floats:
-    """Return the radiance (n, 3) that paths see of a light, in what its nodes make of it; 0 where they do not pass.
+def vary_seen(computed: ComputedLight, paths: Paths, seen: LightHits) -> Floats:
+    """Return the radiance (n, 3) that paths see of a light, in what its nodes make of it.
 
     As in Cycles, what kind of ray it is, a light is never told: it would not be where it is sampled either.
     """
-    rows = np.flatnonzero(passed)
-    paths, distance = paths.select(rows), seen.distance[rows]
     unit = length(paths.rays.directions)
-    told = describe_rays(paths, (np.minimum(distance, FARTHEST) - paths.travelled) / unit).values
+    told = describe_rays(paths, (np.minimum(seen.distance, FARTHEST) - paths.travelled) / unit).values
     known = {name: told[name] for name in ("length", "travelled")}
     path = put_further(LightPath(known | {name: values for name, values in told.items() if name.endswith("depth")}))
     directions = paths.rays.directions / unit[:, np.newaxis]
-    radiance = np.zeros(seen.radiance.shape)
-    radiance[rows] = seen.radiance[rows] * find_factor(computed, paths.scatter_origin, directions, distance, path)
-    return radiance
+    return seen.radiance * find_factor(computed, paths.scatter_origin, directions, seen.distance, path)
 
 
 def cut_holes(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> tuple[Paths, Hits]:
@@ -227,9 +231,8 @@ def add_emission(integrator: Integrator, passes: PathPasses, wave: Wave) -> None
         share[~(paths.direct | lit)] = 0.0
     light = paths.throughput * wave.shading.radiance * share[:, np.newaxis]
     radiance = clamp_met(integrator.settings, paths.bounces, light)
-    passes.add("Combined", paths.row, radiance)
-    passes.add("Emission", paths.row[paths.direct], radiance[paths.direct])
-    add_met(passes, paths, radiance)
+    group = NO_GROUP if integrator.grouped is None else integrator.grouped.of_objects[surface.instance]
+    add_met(passes, paths, radiance, "Emission", group)
 
 
 def describe_path(

@@ -68,7 +68,8 @@ def sample_lights(
             of_parts = _split_light(split.select(lit), light, reflect_part, throughput, lit)
         how = (source.unstopped, source.cast_as)
         rays_of = partial(ShadowRays, row[lit], light, key, depths, rays, number, *how)
-        shadow_rays.append(rays_of(chance=source.chance, split=of_parts))
+        group = source.light_group if found.light_group is None else found.light_group[lit]
+        shadow_rays.append(rays_of(chance=source.chance, split=of_parts, light_group=group))
     return shadow_rays
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,9 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Booleans, Masks, Numbers, Vectors
 from raytracer.casting.ray_visibility import CastRays, RayCaster, SceneCaster, make_cast
 from raytracer.casting.subset_caster import SubsetCaster
-from raytracer.film.mattes import hash_name, hash_to_float
-from raytracer.film.passes import PASSES, matte_table, select_mattes, select_passes
+from raytracer.film.passes import find_pass, list_aovs, select_mattes, select_passes
 from raytracer.integrator.features import Features, derive_features
+from raytracer.integrator.light_groups import GroupedLight, group_light, group_source
 from raytracer.integrator.light_sources import (
     EmissiveGeometry,
     LightSource,
@@ -28,6 +27,7 @@ from raytracer.integrator.light_sources import (
     set_chances,
 )
 from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_picked_sources, split_lights
+from raytracer.integrator.scene_records import find_camera_axes, find_eye, find_identities, gather_records
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, transparent_visibility
 from raytracer.lights.emitter_table import Emitters, make_emitters
@@ -35,10 +35,13 @@ from raytracer.lights.environment import Environment, make_environment, turn_env
 from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.light_nodes import ComputedLight, make_computed_lights
 from raytracer.lights.lights import has_extent
+from raytracer.lights.sky_aovs import SkyAovs, make_sky_aovs
 from raytracer.sampling.dimensions import WaveDimensions, allocate_dimensions
-from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
+from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
+from raytracer.scene.light_groups import NO_GROUP
 from raytracer.scene.lights import Light
 from raytracer.scene.scene import Scene
+from raytracer.shading.aovs import MaterialAovs, computes_aovs, make_material_aovs
 from raytracer.shading.computed import list_scene_attributes
 from raytracer.shading.evaluate import reads_light_path
 from raytracer.shading.materials import MaterialTable, find_radiance, make_material_table
@@ -64,6 +67,7 @@ class Integrator:
     mattes : by kind of Cryptomatte that is asked for, the hashes that materials, or instances and groups, are known by
     eye : (3,) where the camera's rays come from; None without a camera, or of an orthographic one
     screen_motion : tells of motion over the picture; None where no pass asks, or nothing is known of other frames
+    camera_axes : (3, 3) world directions of camera space; None where nobody asks, or there is no camera
     counts_bounces : True where a light asks how many bounces led to what it lights
     visible_groups : many lights likewise
     emitters : None where nothing is emissive
@@ -79,6 +83,8 @@ class Integrator:
     dimensions : numbered dimensions of a wave
     links : which objects are lit by what, or None where all are by all
     tells_paths : True where a program asks how rays came
+    aovs, sky_aovs : what surfaces and the world write to passes of their own; None where nothing is written
+    grouped : which groups of lights what shines belongs to; None where no pass asks
     terminator : offsets of the shadow terminator; None where no smooth mesh has any
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     catchers_only : the stages of the scene without all but its shadow catchers, or None
@@ -111,7 +117,20 @@ class Integrator:
     visible_groups: tuple[LightGroup, ...] = ()
     eye: Vectors | None = None
     screen_motion: ScreenMotion | None = None
+    camera_axes: Vectors | None = None
     mattes: Mapping[str, Numbers] = field(default_factory=dict)
+    aovs: MaterialAovs | None = None
+    sky_aovs: SkyAovs | None = None
+    grouped: GroupedLight | None = None
+
+    @property
+    def world_group(self) -> int:
+        """The number of the world's group of lights; -1 for none."""
+        return NO_GROUP if self.grouped is None else self.grouped.of_world
+
+    def find_group(self, light: Light) -> int:
+        """Return the number of a light's group; -1 for none."""
+        return NO_GROUP if self.grouped is None else self.grouped.of_lights[light]
 
 
 def prepare(
@@ -132,17 +151,19 @@ def prepare(
     """
     features = derive_features(scene)
     needs_light = asks_for_light(settings)
+    written = list_aovs(settings.passes)
+    programs = features.programs or computes_aovs(scene, written)
     terminator = make_terminator(scene) if needs_light and features.smooth_normals else None
     tables = make_surface_tables(
         scene,
         caster.geometry,
         features.smooth_normals,
         uvs=features.uvs and "UV" in settings.passes,
-        barycentric=features.programs or terminator is not None,
+        barycentric=programs or terminator is not None,
         roundoff=caster.roundoff,
     )
-    sites = make_site_tables(scene, tables, list_scene_attributes(scene), resolution) if features.programs else None
-    materials = make_material_table(scene, sites)
+    sites = make_site_tables(scene, tables, list_scene_attributes(scene), resolution) if programs else None
+    materials = make_material_table(scene, sites if features.programs else None)
     if background is not None:
         background = turn_environment(background, scene.camera, resolution)
     elif features.world and needs_light and scene.world is not None:
@@ -156,9 +177,14 @@ def prepare(
     whole = compose(caster)
     if "Vector" in settings.passes:
         whole = replace(whole, screen_motion=make_screen_motion(scene, caster.geometry, resolution))
+    if written:
+        aovs = make_material_aovs(scene, written, sites)
+        whole = replace(whole, aovs=aovs, sky_aovs=make_sky_aovs(scene.world, written, scene.camera, resolution))
+        if aovs is not None and aovs.casts_rays and whole.occlusion_test is None:
+            whole = replace(whole, occlusion_test=make_occlusion_test(caster, whole.cast, make_order(tables)))
     if not catches_shadows(features, settings):
         return whole
-    is_catcher = _gather_records(scene, "shadow_catcher", np.bool_)
+    is_catcher = gather_records(scene, "shadow_catcher", np.bool_)
     part: RayCaster = take_part(is_catcher) if take_part else SubsetCaster(caster, is_catcher)
     return replace(whole, is_catcher=is_catcher, catchers_only=compose(part, is_catcher))
 
@@ -173,7 +199,7 @@ def find_lift(integrator: Integrator) -> Lift | None:
 
 def asks_for_light(settings: Settings) -> bool:
     """True where a pass needs light; the others are known at the first surface."""
-    return any(PASSES[name].needs_light for name in settings.passes)
+    return any(find_pass(name).needs_light for name in settings.passes)
 
 
 def catches_shadows(features: Features, settings: Settings) -> bool:
@@ -206,7 +232,7 @@ def _compose(
     emitters = None
     if features.emission and needs_light:
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
-    seen_by = _gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
+    seen_by = gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
     lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     links = _link_lights(scene) if features.light_linking else None
     groups: list[LightGroup]
@@ -226,7 +252,11 @@ def _compose(
     sources = [replace(source, dimension=first) for source, first in zip(sources, dimensions.sources, strict=True)]
     # What is left out keeps its dimensions, so that the others are sampled alike with it and without.
     sources = [source for source in sources if _is_present(source, catchers_only=present is not None)]
+    grouped = group_light(scene, settings.passes)
+    if grouped is not None:
+        sources = [group_source(source, grouped) for source in sources]
     if present is not None:
+        grouped = None
         aimed_at = [light for light in aimed_at if light.shadow_catcher]
         groups = [group for group in groups if group.example.shadow_catcher]
         settings = replace(settings, passes=("Combined",))
@@ -250,13 +280,15 @@ def _compose(
         light_nodes=computed,
         counts_bounces=features.light_bounces,
         eye=find_eye(scene),
+        camera_axes=find_camera_axes(scene) if "Denoising Normal" in settings.passes else None,
         mattes={kind: find_identities(scene, kind) for kind in select_mattes(settings.passes)},
         emitters=emitters,
+        grouped=grouped,
         background=background,
         visibility=visibility,
         occlusion_test=make_occlusion_test(caster, cast, order) if features.occlusion else None,
-        holdout=_gather_records(scene, "holdout", np.bool_) if features.holdout else None,
-        pass_index=_gather_records(scene, "pass_index", np.int32),
+        holdout=gather_records(scene, "holdout", np.bool_) if features.holdout else None,
+        pass_index=gather_records(scene, "pass_index", np.int32),
         needs_light=needs_light,
         goes_on=features.specular or features.transparency or interreflects,
         interreflects=interreflects,
@@ -271,32 +303,9 @@ def _compose(
     )
 
 
-def find_identities(scene: Scene, kind: str) -> Numbers:
-    """Return the hashes, as floats, that Cryptomatte knows materials, or instances and then groups of spheres, by.
-
-    Of the latter they are properties of the name that `matte_table` gives; 0 where there are none.
-    """
-    if kind == "Material":
-        return np.array([hash_to_float(hash_name(material.name)) for material in scene.materials] or [0.0])
-    name, count = matte_table(kind), scene.instance_count
-    instances = {} if scene.instances is None else scene.instances.properties
-    identities = np.zeros(count + len(scene.spheres))
-    if name in instances:
-        identities[:count] = instances[name][:, 0]
-    identities[count:] = [group.properties[name][0] if name in group.properties else 0.0 for group in scene.spheres]
-    return identities
-
-
-def find_eye(scene: Scene) -> Vectors | None:
-    """Return the point (3,) that a camera's rays come from; None where there is none."""
-    if scene.camera is None or scene.camera.projection == "orthographic":
-        return None
-    return scene.camera.world_from_camera[:3, 3]
-
-
 def _link_lights(scene: Scene) -> LightLinks:
     """Return which objects are lit by what."""
-    return LightLinks(*(_gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
+    return LightLinks(*(gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
 
 
 def _are_told_apart(seen_by: Masks | None) -> bool:
@@ -335,12 +344,3 @@ def light_is_on(light: Light) -> bool:
     """True where a light sends any light, or takes any away."""
     power = light.strength if hasattr(light, "strength") else light.power
     return bool(power.any())
-
-
-def _gather_records(scene: Scene, name: str, dtype: type) -> NDArray[Any]:
-    """Return a property of all instances, then of all groups of spheres."""
-    instances = None if scene.instances is None else getattr(scene.instances, name)
-    if instances is None:
-        default = {"seen_by": SEEN_BY_ALL, "receivers": ALL_SETS}.get(name, 0)
-        instances = np.full(scene.instance_count, default, dtype)
-    return np.concatenate([instances, np.array([getattr(group, name) for group in scene.spheres], dtype=dtype)])

@@ -16,13 +16,15 @@ from __future__ import annotations
 import numpy as np
 
 from raytracer.arrays.rows import sum_columns
-from raytracer.arrays.types import Booleans, Floats, Indices
+from raytracer.arrays.types import Booleans, Floats, Indices, Integers
 from raytracer.bsdfs.bounce_kinds import TRANSMITTED
 from raytracer.bsdfs.bsdf import BsdfSample, evaluate_bsdf
 from raytracer.bsdfs.closures import Shading
 from raytracer.film.passes import LIGHT_PARTS, light_pass
+from raytracer.integrator.denoising import add_met_guides
 from raytracer.integrator.parts import Parts, Split
 from raytracer.integrator.paths import PathPasses, Paths
+from raytracer.integrator.shadow_rays import ShadowRays
 
 
 def split_paths(passes: PathPasses, paths: Paths) -> Split | None:
@@ -51,7 +53,23 @@ def note_scattering(
         share[paths.row[rows]] = np.divide(part[rows], total[rows], out=value, where=total[rows] != 0)
 
 
-def add_met(passes: PathPasses, paths: Paths, light: Floats) -> None:
+def add_met(passes: PathPasses, paths: Paths, light: Floats, name: str, group: Integers | int) -> None:
+    """Add light (k, 3) that paths meet, of one group or of groups (k,): to Combined, and where they see it straight to
+    the pass `name`.
+
+    As in Cycles, what comes by shadow catchers belongs to the footage, and is in no other pass.
+    """
+    passes.add("Combined", paths.row, light)
+    passes.add(name, paths.row[paths.direct], light[paths.direct])
+    add_met_guides(passes, paths, light)
+    if passes.caught is not None:
+        rows = np.flatnonzero(~passes.caught.met[paths.row])
+        paths, light, group = paths.select(rows), light[rows], group if isinstance(group, int) else group[rows]
+    passes.add_grouped(paths.row, light, group)
+    add_scattered(passes, paths, light)
+
+
+def add_scattered(passes: PathPasses, paths: Paths, light: Floats) -> None:
     """Add light (k, 3) that paths meet after they have been scattered."""
     if passes.parts is None:
         return
@@ -61,8 +79,17 @@ def add_met(passes: PathPasses, paths: Paths, light: Floats) -> None:
     add_parts(passes, paths.row[rows], light[rows], shares.scale(light[rows]), is_direct)
 
 
-def add_aimed(passes: PathPasses, row: Indices, sent: Floats, arriving: Floats, split: Split) -> None:
-    """Add light (k, 3) that arrives from sources; split : `sent`, what they sent, in parts."""
+def add_aimed(passes: PathPasses, rays: ShadowRays, arriving: Floats) -> None:
+    """Add light (k, 3) that arrives from a source to the passes that tell how it has come, and where from."""
+    row, sent, group, split = rays.row, rays.light, rays.light_group, rays.split
+    if passes.caught is not None:
+        rows = np.flatnonzero(~passes.caught.met[row])
+        row, sent, arriving = row[rows], sent[rows], arriving[rows]
+        group = group if isinstance(group, int) else group[rows]
+        split = None if split is None else split.select(rows)
+    passes.add_grouped(row, arriving, group)
+    if split is None:
+        return
     passed = np.divide(arriving, sent, out=np.zeros_like(arriving), where=sent != 0)
     add_parts(passes, row, arriving, split.parts.scale(passed), split.unscattered)
 

@@ -30,7 +30,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from raytracer.arrays.types import Counts, Keys, Masks
+from raytracer.arrays.types import Counts, Integers, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.bsdfs.closures import Shading
 from raytracer.lights.emitter_table import Emitters, locate_emitters
@@ -55,6 +55,7 @@ from raytracer.lights.lights import has_extent, sample_light
 from raytracer.lights.shared_points import is_near, is_shareable, sample_shared, share_points
 from raytracer.sampling.sampler import Sampler
 from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
+from raytracer.scene.light_groups import NO_GROUP
 from raytracer.scene.lights import Light
 from raytracer.shading.light_path import FARTHEST, Depths, LightPath, describe_reflected, describe_sampling, put_further
 from raytracer.surfaces.surface import Surface
@@ -91,11 +92,13 @@ class KeyedSamples:
     others of the same key; ALONE where with none.
 
     seen_by : (n,) uint8, bits of SEEN_BY, the ways in which each is reflected; None where that is the source's
+    light_group : (n,) int32, likewise
     """
 
     light: LightSamples
     key: Keys
     seen_by: Masks | None = None
+    light_group: Integers | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,6 +114,7 @@ class LightSource(ABC):
     unstopped : True where its light passes transparent surfaces that stop that of others
     cast_as : the class of its shadow rays, which tells what objects they meet
     max_bounces : it lights nothing that a path has bounced to more often; None without limit
+    light_group : number of the group that its light belongs to, among those that passes ask for; -1 for none
     """
 
     dimension_count: ClassVar[int]
@@ -122,6 +126,7 @@ class LightSource(ABC):
     unstopped: bool = False
     cast_as: int = SEEN_BY["shadow"]
     max_bounces: int | None = None
+    light_group: int = NO_GROUP
 
     @abstractmethod
     def sample(self, points: ShadingPoints) -> KeyedSamples:
@@ -181,12 +186,14 @@ class EmissiveGeometry(LightSource):
 
     seen_by_object : (instances + groups,) uint8, bits of SEEN_BY, the ways in which light of each is reflected; None
         for all
+    light_groups : (instances + groups,) int32, as of LightSource, of each object; None where nobody asks
     """
 
     dimension_count: ClassVar[int] = 2
     emitters: Emitters
     links: LightLinks | None
     seen_by_object: Masks | None = None
+    light_groups: Integers | None = None
     kind: int = GEOMETRY
 
     def sample(self, points: ShadingPoints) -> KeyedSamples:
@@ -205,7 +212,10 @@ class EmissiveGeometry(LightSource):
             receivers = self.links.receivers[locate_emitters(emitters, picked)[0]]
             light.weight[~self.links.find_lit(receivers, points.surface.instance)] = 0.0
         seen_by = None if self.seen_by_object is None else self.seen_by_object[locate_emitters(emitters, picked)[0]]
-        return KeyedSamples(light, key, seen_by)
+        light_group = None
+        if self.light_groups is not None:
+            light_group = self.light_groups[locate_emitters(emitters, picked)[0]]
+        return KeyedSamples(light, key, seen_by, light_group)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

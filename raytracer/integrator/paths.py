@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import take_rows
-from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Kinds, Numbers, Vectors
+from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Integers, Kinds, Numbers, Vectors
 from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.order import join_departures
 from raytracer.casting.rays import Hits, Rays, join_rays
-from raytracer.film.passes import PASSES, matte_table, select_mattes
+from raytracer.film.passes import GUIDES, find_pass, list_light_groups, matte_table, select_mattes
 from raytracer.integrator.clamping import is_clamped
+from raytracer.integrator.guides import Guides, start_guides
 from raytracer.integrator.parts import Parts, start_parts
 from raytracer.integrator.settings import Settings
 from raytracer.lecture import length
@@ -136,7 +137,9 @@ class PathPasses:
     unshadowed : (n, 3) float64, direct light if nothing were in the way, or None where the Shadow pass is not asked for
     limit : (n,) float64, the largest sum of channels that light aimed at by the ray's path may add; None without limits
     parts : in which shares the first scattering of each ray's path has split its light; None where no pass asks
+    guides : how far they are from what guides a denoiser; None where no pass asks
     caught : what shadow catchers show, or None where there are none
+    light_groups : the passes of groups of lights that are asked for, by number
     lengths : (n,) float64, casts along the ray's path; None where nobody asks
     backdrop : (n, 3) float64, the background that the camera sees where catchers are seen through; None where it is no
         part of the picture, or there are none
@@ -149,9 +152,11 @@ class PathPasses:
     unshadowed: Floats | None
     limit: Floats | None
     parts: Parts | None = None
+    guides: Guides | None = None
     caught: Caught | None = None
     backdrop: Floats | None = None
     lengths: Floats | None = None
+    light_groups: tuple[str, ...] = ()
 
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
         """Add (k, 3), or (k, channels), to a pass, if it is asked for; each ray at most once a call."""
@@ -160,10 +165,20 @@ class PathPasses:
             for target, column in zip(self.values[name].T[:3], values.T, strict=True):
                 target[row] = target.take(row) + column
 
+    def add_grouped(self, row: NDArray[np.int64], light: Floats, group: Integers | int) -> None:
+        """Add light (k, 3) to the passes of the groups, one for all or (k,), that it comes from."""
+        for number, name in enumerate(self.light_groups):
+            if isinstance(group, int):
+                if group == number:
+                    self.add(name, row, light)
+            else:
+                rows = np.flatnonzero(group == number)
+                self.add(name, row[rows], light[rows])
+
     def set(self, name: str, row: NDArray[np.int64], values: Any) -> None:
         """Overwrite a pass, if it is asked for."""
         if name in self.values:
-            self.values[name][row] = np.reshape(values, (len(row), PASSES[name].channels))
+            self.values[name][row] = np.reshape(values, (len(row), find_pass(name).channels))
 
 
 @dataclass(eq=False)
@@ -183,16 +198,19 @@ class Caught:
 def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     """Return the record of camera rays that have seen nothing."""
     count = len(rays)
-    plain = [name for name in settings.passes if not PASSES[name].matte]
-    values = {name: np.full((count, PASSES[name].channels), PASSES[name].miss) for name in plain}
+    plain = [name for name in settings.passes if not find_pass(name).matte]
+    values = {name: np.full((count, find_pass(name).channels), find_pass(name).miss) for name in plain}
     mattes = select_mattes(settings.passes)
     values |= {matte_table(kind): np.zeros((count, 2 * slots)) for kind, slots in mattes.items()}
     unshadowed = np.zeros((count, 3)) if "Shadow" in values else None
     limit = np.full(count, np.inf) if is_clamped(settings) else None
     lengths = np.zeros(count) if settings.adaptive else None
     depth_unit, found = length(rays.directions), np.zeros(count, dtype=np.bool_)
-    parts = start_parts(count) if any(PASSES[name].color for name in plain) else None
-    return PathPasses(values, depth_unit, found, np.zeros(count), unshadowed, limit, lengths=lengths, parts=parts)
+    parts = start_parts(count) if any(find_pass(name).color for name in plain) else None
+    guides = start_guides(count) if any(name in GUIDES for name in plain) else None
+    passes = PathPasses(values, depth_unit, found, np.zeros(count), unshadowed, limit)
+    groups = list_light_groups(plain)
+    return replace(passes, lengths=lengths, parts=parts, guides=guides, light_groups=groups)
 
 
 def advance(wave: Wave, sample: BsdfSample) -> Paths:

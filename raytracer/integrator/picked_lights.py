@@ -98,12 +98,14 @@ class PickedLight(LightSource):
     """One of the lights of a group: a number to pick by, and a pair for the place.
 
     number : of the source among the group's; each picks from a part of its own of the unit interval
+    light_groups : (lights,) int32, as of LightSource, of each light; None where nobody asks
     """
 
     dimension_count: ClassVar[int] = 2
     group: LightGroup
     number: int
     kind: int = LIGHT
+    light_groups: Integers | None = None
 
     def sample(self, points: ShadingPoints) -> KeyedSamples:
         """Return samples of the light that is picked for each point; of density 0 where another source has done so."""
@@ -124,7 +126,8 @@ class PickedLight(LightSource):
             found.direction[rows], found.distance[rows] = samples.direction, samples.distance
             found.weight[rows] = divide_rows(samples.weight, chance[rows])
             found.density[rows] = samples.density * chance[rows]
-        return KeyedSamples(found, np.full(len(surface), ALONE, np.int32))
+        light_group = None if self.light_groups is None else self.light_groups[picked.light]
+        return KeyedSamples(found, np.full(len(surface), ALONE, np.int32), light_group=light_group)
 
     def _sample_lights(self, light: Light, points: ShadingPoints, rows: Indices, pair: Floats) -> LightSamples:
         """Return samples of one light, or of a record of them, from some of the points."""

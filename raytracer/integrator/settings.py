@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.arrays.checks import as_array, require_choice, require_range
-from raytracer.film.passes import PASSES, select_passes
+from raytracer.film.passes import NAMED, PASSES, is_pass, select_passes
 from raytracer.predicates.rounding import PRECISIONS
 
 Border = tuple[int, int, int, int]
@@ -63,11 +63,12 @@ class Settings:
     filter_glossy : the density of a bounce below which what follows is blurred; 0 blurs nothing. A picture is exact
         where all three are 0
     seed : another seed gives another, independent picture of the same noise
-    passes : names from `passes.PASSES`
+    passes : names from `passes.PASSES`, and such as `passes.NAMED` begins
     precision : 'certified', 'float64' or 'float32', see `raytracer.build`
     workers : processes that trace; 1 traces in this process
     mist : metres from the camera where the Mist pass starts, metres from there until it hides everything, and the power
         by which it thickens
+    occlusion_distance : metres from a surface within which others count for the Ambient Occlusion pass
     exposure : factor of all light in the picture; clamping comes before it
     transparent : True leaves the background out of the picture, alpha 0
     pixel_filter : 'blackman_harris' or 'box'
@@ -100,6 +101,7 @@ class Settings:
     precision: str = "certified"
     workers: int = 1
     mist: tuple[float, float, float] = (5.0, 25.0, 2.0)
+    occlusion_distance: float = 10.0
     exposure: float = 1.0
     transparent: bool = False
     pixel_filter: str = "blackman_harris"
@@ -129,7 +131,7 @@ class Settings:
             ("block_size", 1, None),
         ):
             object.__setattr__(self, name, check_integer(getattr(self, name), low, high, f"Settings: {name}"))
-        for name in ("clamp_direct", "clamp_indirect", "filter_glossy", "exposure"):
+        for name in ("clamp_direct", "clamp_indirect", "filter_glossy", "occlusion_distance", "exposure"):
             object.__setattr__(self, name, _check_number(getattr(self, name), f"Settings: {name}"))
         for name in ("error", "seconds"):
             object.__setattr__(self, name, _check_limit(getattr(self, name), f"Settings: {name}"))
@@ -177,7 +179,8 @@ def _check_mist(mist: Any) -> tuple[float, float, float]:
 def _check_passes(passes: Any) -> tuple[str, ...]:
     names = (passes,) if isinstance(passes, str) else tuple(passes)
     for name in names:
-        require_choice(name, tuple(PASSES), "Settings: passes")
+        if not is_pass(name):
+            require_choice(name, (*PASSES, *(start + "..." for start in NAMED)), "Settings: passes")
     if not names or len(set(names)) < len(names):
         raise ValueError(f"Settings: passes: expected one or more different names, got {names}")
     return names

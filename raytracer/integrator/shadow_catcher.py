@@ -2,7 +2,7 @@
 
 The first catcher that a camera path meets splits it. One half goes on as if the catcher were any object; the other
 where there is nothing but catchers, with the lights and the world that belong to the footage. What the one sees over
-what the other sees is the factor by which the rest of the scene changes the light of the footage; `film.show_shadows`
+what the other sees is the factor by which the rest of the scene changes the light of the footage; `shown.show_shadows`
 turns it into a picture. Whatever meets a catcher later, such as a reflection in a mirror, sees an ordinary object.
 
 References
@@ -53,7 +53,7 @@ def note_split(integrator: Integrator, passes: PathPasses, paths: Paths) -> None
 
 
 def finish_caught(passes: PathPasses) -> None:
-    """Divide what was seen among Combined and what `film.show_shadows` needs besides."""
+    """Divide what was seen among Combined and what `shown.show_shadows` needs besides."""
     if passes.caught is None:
         return
     caught, combined = passes.caught, passes.values["Combined"]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.arrays.rows import any_column
-from raytracer.arrays.types import Booleans, Floats, Indices, Keys, Masks
+from raytracer.arrays.types import Booleans, Floats, Indices, Integers, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.casting.order import Order
 from raytracer.casting.ray_visibility import CastRays, RayCaster, find_any
@@ -22,6 +22,7 @@ from raytracer.integrator.light_sources import ALONE
 from raytracer.integrator.parts import Split
 from raytracer.lecture import length
 from raytracer.scene.fields import SEEN_BY
+from raytracer.scene.light_groups import NO_GROUP
 from raytracer.shading.light_path import Depths, LightPath, describe_reflected, describe_shadow_rays
 from raytracer.shading.materials import MaterialTable, find_transparency
 from raytracer.surfaces.surface import make_surface
@@ -67,6 +68,7 @@ class ShadowRays:
     rays : None where the source throws no shadows
     unstopped, cast_as, chance : as in LightSource
     split : the light in parts; None where no pass asks
+    light_group : number of the group of the light, one for all or (k,)
     """
 
     row: Indices
@@ -79,6 +81,7 @@ class ShadowRays:
     cast_as: int = SEEN_BY["shadow"]
     chance: float = 1.0
     split: Split | None = None
+    light_group: Integers | int = NO_GROUP
 
 
 def cast_shadows(visibility: Visibility, shadow_rays: Sequence[ShadowRays]) -> list[Floats]:

@@ -9,14 +9,16 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from raytracer.arrays.rows import all_columns
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.lecture import dot, intersect_plane, length, point_on_line
 from raytracer.lights.light_shapes import (
+    SMALL_SOLID_ANGLE,
     LightHits,
     LightSamples,
     divide_rows,
-    miss_where,
+    place_hits,
     rectangle_solid_angle,
     sample_rectangle,
     without_extent,
@@ -97,18 +99,17 @@ def sample_area(light: AreaLight, positions: Floats, pair: Floats) -> LightSampl
         return _sample_parallel_area(light, positions)
     u, v, axis = unit_axes(light)
     low, high, height = _visible_part(light, positions)
-    lit = (height > 0) & (high > low).all(axis=1)
+    lit, solid_angle = (height > 0) & all_columns(high > low), None
     if _is_sampled_by_area(light):
         local = sample_disk(pair) * high
     else:
-        local = sample_rectangle(_relative(light, positions), low, high, pair)
+        local, solid_angle = sample_rectangle(_relative(light, positions), low, high, pair)
         lit &= _is_inside(light, local)
-    target = light.position + local[:, 0:1] * u + local[:, 1:2] * v
-    direction, distance = normalize(target - positions), length(target - positions)
-    density = np.where(lit, _area_density(light, positions, low, high, distance, -dot(direction, axis)), 0.0)
-    return LightSamples(
-        direction, distance, divide_rows(_area_radiance(light, -dot(direction, axis)), density), density
-    )
+    way = light.position + local[:, 0:1] * u + local[:, 1:2] * v - positions
+    direction, distance = normalize(way), length(way)
+    cosine = -dot(direction, axis)
+    density = np.where(lit, _area_density(light, low, high, distance, cosine, solid_angle), 0.0)
+    return LightSamples(direction, distance, divide_rows(_area_radiance(light, cosine), density), density)
 
 
 def _relative(light: AreaLight, positions: Floats) -> Floats:
@@ -126,15 +127,18 @@ def _is_inside(light: AreaLight, local: Floats) -> Booleans:
 
 
 def _area_density(
-    light: AreaLight, positions: Floats, low: Floats, high: Floats, distance: Floats, cosine: Floats
+    light: AreaLight, low: Floats, high: Floats, distance: Floats, cosine: Floats, solid_angle: Floats | None
 ) -> Floats:
-    """Return the density (n,) per solid angle with which `sample_area` takes directions at `cosine` off the axis."""
-    if _is_sampled_by_area(light):
+    """Return the density (n,) per solid angle with which `sample_area` takes directions at `cosine` off the axis.
+
+    solid_angle : (n,) of the rectangle low..high; None where the light is sampled by area
+    """
+    if solid_angle is None:
         return divide_rows(distance * distance, area_of(light) * np.maximum(cosine, 0.0))
-    area = np.maximum(high - low, 0.0).prod(axis=1)
-    solid_angle, by_area = rectangle_solid_angle(_relative(light, positions), low, high)
-    by_distance = divide_rows(distance * distance, area * np.maximum(cosine, 0.0))
-    return np.where(by_area, by_distance, divide_rows(np.ones_like(solid_angle), solid_angle))
+    width, height = np.maximum(high - low, 0.0).T
+    by_distance = divide_rows(distance * distance, width * height * np.maximum(cosine, 0.0))
+    by_angle = divide_rows(np.ones_like(solid_angle), solid_angle)
+    return np.where(solid_angle < SMALL_SOLID_ANGLE, by_distance, by_angle)
 
 
 def _sample_parallel_area(light: AreaLight, positions: Floats) -> LightSamples:
@@ -149,14 +153,18 @@ def _sample_parallel_area(light: AreaLight, positions: Floats) -> LightSamples:
 
 
 def evaluate_area(light: AreaLight, origins: Floats, directions: Floats) -> LightHits:
+    """Few rays meet a light: what they see of it is computed for those alone."""
     u, v, axis = unit_axes(light)
     low, high, height = _visible_part(light, origins)
     distance = intersect_plane(origins, directions, axis, dot(axis, light.position))
     offset = point_on_line(origins, directions, distance) - light.position
     local = np.stack([dot(offset, u), dot(offset, v)], axis=1)
-    hit = (height > 0) & (distance > 0) & (local >= low).all(axis=1) & (local <= high).all(axis=1)
-    hit &= _is_inside(light, np.where(hit[:, np.newaxis], local, 0.0))
-    distance = np.where(hit, distance, 1.0)
-    cosine = np.where(hit, -dot(directions, axis), 1.0)
-    density = _area_density(light, origins, low, high, distance, cosine)
-    return miss_where(~hit, distance, _area_radiance(light, cosine), density)
+    hit = (height > 0) & (distance > 0) & all_columns(local >= low) & all_columns(local <= high)
+    rows = np.flatnonzero(hit)
+    rows = rows[_is_inside(light, local[rows])]
+    low, high, distance, solid_angle = low[rows], high[rows], distance[rows], None
+    if not _is_sampled_by_area(light):
+        solid_angle = rectangle_solid_angle(_relative(light, origins[rows]), low, high)
+    cosine = -dot(directions[rows], axis)
+    density = _area_density(light, low, high, distance, cosine, solid_angle)
+    return place_hits(rows, len(origins), distance, _area_radiance(light, cosine), density)

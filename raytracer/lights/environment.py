@@ -83,7 +83,7 @@ def make_environment(world: World, camera: Camera | None, resolution: tuple[int,
         return Environment(world.color, seen_by=world.seen_by)
     program = world.program
     needed = find_needed(program, [world.color])
-    tables, even = _make_tables(program, camera, resolution), not reads_place(program, needed)
+    tables, even = make_sky_tables(program, camera, resolution), not reads_place(program, needed)
     environment = Environment(world.color, program, needed, tables, is_even=even, seen_by=world.seen_by)
     if even:
         return environment
@@ -97,10 +97,10 @@ def turn_environment(environment: Environment, camera: Camera | None, resolution
     """
     if environment.program is None:
         return environment
-    return replace(environment, tables=_make_tables(environment.program, camera, resolution))
+    return replace(environment, tables=make_sky_tables(environment.program, camera, resolution))
 
 
-def _make_tables(program: Program, camera: Camera | None, resolution: tuple[int, int]) -> SiteTables:
+def make_sky_tables(program: Program, camera: Camera | None, resolution: tuple[int, int]) -> SiteTables:
     """Return what programs read on the sphere of directions, the camera at its centre."""
     if camera is not None:
         matrix = camera.world_from_camera.copy()
@@ -122,16 +122,17 @@ def evaluate_environment(environment: Environment, directions: Floats, path: Lig
     if not isinstance(environment.color, Register):
         return environment.color
     assert environment.program is not None
-    site = _make_site(environment, normalize(directions), path)
+    assert environment.tables is not None
+    site = make_sky_site(environment.tables, normalize(directions), path)
     found = evaluate(environment.program, site, environment.needed)[environment.color]
     return np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def _make_site(environment: Environment, directions: Floats, path: LightPath | None) -> Site:
+def make_sky_site(tables: SiteTables, directions: Floats, path: LightPath | None) -> Site:
+    """Return unit directions (n, 3) to the world as programs see them."""
     count = len(directions)
     surface = imagine_surface(directions, directions, -directions, is_front=False, weights=np.zeros((count, 2)))
-    assert environment.tables is not None
-    return Site(surface, environment.tables, path, np.zeros(count))
+    return Site(surface, tables, path, np.zeros(count))
 
 
 # Sampling

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column
-from raytracer.arrays.types import Booleans, Colors, Floats, Numbers, Vectors
+from raytracer.arrays.rows import any_column, take_rows
+from raytracer.arrays.types import Booleans, Colors, Floats, Indices, Numbers, Vectors
 from raytracer.arrays.vectors import normalize, to_world
 from raytracer.lecture import dot, intersect_sphere
 
@@ -59,6 +59,10 @@ class LightHits:
     radiance: Floats
     density: Floats
 
+    def select(self, rows: Indices) -> LightHits:
+        """Return what some of the rays see."""
+        return LightHits(self.distance[rows], take_rows(self.radiance, rows), self.density[rows])
+
 
 def miss_where(missed: Booleans, distance: Floats, radiance: Floats, density: Floats) -> LightHits:
     return LightHits(
@@ -66,6 +70,13 @@ def miss_where(missed: Booleans, distance: Floats, radiance: Floats, density: Fl
         np.where(missed[:, np.newaxis], 0.0, radiance),
         np.where(missed, 0.0, density),
     )
+
+
+def place_hits(rows: Indices, count: int, distance: Floats, radiance: Floats, density: Floats) -> LightHits:
+    """Return what `count` rays see of a light that only `rows` of them meet."""
+    hits = LightHits(np.full(count, np.inf), np.zeros((count, 3)), np.zeros(count))
+    hits.distance[rows], hits.radiance[rows], hits.density[rows] = distance, radiance, density
+    return hits
 
 
 def without_extent(direction: Floats, distance: Floats, irradiance: Floats) -> LightSamples:
@@ -143,16 +154,14 @@ def _rectangle_angles(position: Floats, low: Floats, high: Floats) -> tuple[Floa
     return bottom, top, k, corners[0] + corners[1] - k
 
 
-def rectangle_solid_angle(position: Floats, low: Floats, high: Floats) -> tuple[Floats, Booleans]:
-    """Return the solid angle (n,) of rectangles in the plane z = 0, and True where they are so small that they are
-    sampled by area instead."""
-    solid_angle = _rectangle_angles(position, low, high)[3]
-    return solid_angle, solid_angle < SMALL_SOLID_ANGLE
+def rectangle_solid_angle(position: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the solid angle (n,) of rectangles low..high (n, 2) in the plane z = 0, seen from `position` (n, 3)."""
+    return _rectangle_angles(position, low, high)[3]
 
 
-def sample_rectangle(position: Floats, low: Floats, high: Floats, pair: Floats) -> Floats:
+def sample_rectangle(position: Floats, low: Floats, high: Floats, pair: Floats) -> tuple[Floats, Floats]:
     """Return points (n, 2) of rectangles low..high (n, 2) in the plane z = 0, even over the solid angle from `position`
-    (n, 3), or over the area where that is small."""
+    (n, 3), or over the area where that is small; and the solid angles (n,)."""
     b0, b1, k, solid_angle = _rectangle_angles(position, low, high)
     x0, y0 = (low - position[:, :2]).T
     x1, y1 = (high - position[:, :2]).T
@@ -168,4 +177,5 @@ def sample_rectangle(position: Floats, low: Floats, high: Floats, pair: Floats) 
         y = np.clip(height * across / np.sqrt(1.0 - height * height), y0, y1)
     even = low + pair * (high - low)
     curved = position[:, :2] + np.stack([x, y], axis=1)
-    return np.where((solid_angle < SMALL_SOLID_ANGLE)[:, np.newaxis], even, np.clip(curved, low, high))
+    points = np.where((solid_angle < SMALL_SOLID_ANGLE)[:, np.newaxis], even, np.clip(curved, low, high))
+    return points, solid_angle

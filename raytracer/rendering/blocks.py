@@ -15,7 +15,7 @@ from raytracer.casting.caster import Caster
 from raytracer.casting.rays import Rays
 from raytracer.film.camera import primary_rays
 from raytracer.film.parts import cut
-from raytracer.film.passes import STORED, select_passes
+from raytracer.film.passes import find_pass, is_pass, select_passes
 from raytracer.film.pixel_filter import sample_pixel_filter
 from raytracer.integrator.integrator import Integrator, prepare
 from raytracer.integrator.loop import trace
@@ -351,7 +351,7 @@ def trace_seen(integrator: Integrator, rays: Rays, samples: SobolSamples) -> Map
     """
     seen = np.flatnonzero(rays.directions.any(axis=1))
     values = trace(integrator, rays.select(seen), samples.select(seen))
-    misses = {name: STORED[name].miss if name in STORED else 0.0 for name in values}
+    misses = {name: find_pass(name).miss if is_pass(name) else 0.0 for name in values}
     whole = {name: np.full((len(rays), *part.shape[1:]), misses[name]) for name, part in values.items()}
     if "Combined" in whole:
         whole["Combined"][:, 3] = 1.0

@@ -107,12 +107,13 @@ def fill_film(film: Film, arrays: dict[str, Any], samples: int, statistics: Stat
 def cast_blocks(caster: Caster, origins: Any, directions: Any) -> Any:
     """Cast dask arrays of rays, (n, 3) each; return the distances, a dask array (n,) of the same blocks.
 
-    The caster goes to each worker once; inf is a miss, as in `Caster.closest_hit`.
+    What is no dask array becomes one (`dask.array.asarray`). The caster goes to each worker once; inf is a miss, as in
+    `Caster.closest_hit`.
     """
     import dask.array
     from dask import delayed
 
-    origins, directions = (rays.rechunk({1: 3}) for rays in (origins, directions))
+    origins, directions = (dask.array.asarray(rays).rechunk({1: 3}) for rays in (origins, directions))
     origins = origins.rechunk({0: directions.chunks[0]})
     # As one task beside the blocks, and not in each of them.
     sent = delayed(caster, pure=False, traverse=False)

@@ -15,7 +15,7 @@ import numpy as np
 
 from raytracer.arrays.types import Floats, Indices
 from raytracer.casting.caster import Caster, build
-from raytracer.film.passes import PASSES
+from raytracer.film.passes import find_pass
 from raytracer.film.shutter import choose_side, find_middle, sample_times
 from raytracer.integrator.settings import Settings
 from raytracer.lights.environment import Environment
@@ -111,7 +111,7 @@ class MovingTracer:
 
 def _select(settings: Settings, from_centre: bool) -> Settings | None:
     """Return the settings of the passes of one kind, or None where there are none of it."""
-    names = tuple(name for name in settings.passes if PASSES[name].from_centre == from_centre)
+    names = tuple(name for name in settings.passes if find_pass(name).from_centre == from_centre)
     return replace(settings, passes=names, error=None) if names else None
 
 

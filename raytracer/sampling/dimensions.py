@@ -1,9 +1,10 @@
 """Who takes which numbered dimension of the sample points: the one table.
 
-A camera ray takes the last two numbers, the choice of pixels the one before them, and its time the one before that. Its
-path takes those from 0 on, wave after wave, each wave as many as `WaveDimensions` says. Sets of pixels that share
-samples have the same numbers again, from SHARED_DIMENSION on. A stage that a picture lacks leaves its numbers to the
-next; a source of light that only part of the scene sees keeps them, so that the other part is sampled alike.
+A camera ray takes the last two numbers, the choice of pixels the one before them, and what is cast for passes alone,
+and its time, those before that. Its path takes those from 0 on, wave after wave, each wave as many as `WaveDimensions`
+says. Sets of pixels that share samples have the same numbers again, from SHARED_DIMENSION on. A stage that a picture
+lacks leaves its numbers to the next; a source of light that only part of the scene sees keeps them, so that the other
+part is sampled alike.
 
 A new use (a distance in a medium) gets its own line here: two uses of one number would be correlated.
 """
@@ -19,8 +20,12 @@ FILTER_DIMENSION = 2**32 - 1
 LENS_DIMENSION = 2**32 - 2
 # In which sweeps a pixel is sampled, where not all are (`rendering.adaptive`).
 ALLOCATION_DIMENSION = 2**32 - 3
+# Where rays go that are cast for passes which shaders write.
+AOV_DIMENSION = 2**32 - 4
+# Where rays go that tell how open it is around a surface.
+OCCLUSION_DIMENSION = 2**32 - 5
 # When rays leave, where something moves; sets of pixels share it.
-TIME_DIMENSION = 2**32 - 4
+TIME_DIMENSION = 2**32 - 6
 # Dimensions from here on belong to the sets of pixels that share samples.
 SHARED_DIMENSION = 2**31
 

@@ -27,7 +27,7 @@ def set_field(record: Any, name: str, value: Any) -> None:
 def set_array(record: Any, name: str, dtype: type, shape: Sequence[int | str], label: str) -> NDArray[Any]:
     """Replace a field by its checked, read-only array."""
     array = as_array(getattr(record, name), dtype, shape, f"{label}: {name}")
-    if np.issubdtype(dtype, np.floating):
+    if array.dtype.kind == "f":
         require_finite(array, f"{label}: {name}")
     set_field(record, name, array)
     return array

@@ -22,7 +22,7 @@ from raytracer.scene.fields import (
     set_receivers,
     set_seen_by,
 )
-from raytracer.scene.programs import Program, Register, check_program, check_register
+from raytracer.scene.programs import Aovs, Program, Register, check_aovs, check_program, check_register
 from raytracer.scene.shapes import Instances
 
 # Blender's default ray visibility of a light; shadow rays are not affected.
@@ -205,15 +205,18 @@ class World:
     max_bounces : it is not sampled as a light where a path has bounced more often; None without limit. As in Cycles,
         what is reflected there goes on to see it, in the share that sampling would have left it (all of it in mirrors),
         and an even world has no limit
+    aovs : what it writes to passes that the scene names, where it is seen straight; None writes nothing
     """
 
     color: Any = 0.0
     program: Program | None = None
     seen_by: int = SEEN_BY_ALL
     max_bounces: int | None = None
+    aovs: Aovs | None = None
 
     def __post_init__(self) -> None:
         check_program(self.program, "World: program")
+        check_aovs(self.aovs, "World: aovs")
         set_seen_by(self, "World")
         if self.max_bounces is not None:
             set_count(self, "max_bounces", "World")

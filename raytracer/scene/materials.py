@@ -19,7 +19,7 @@ from raytracer.scene.fields import (
     set_light,
     set_number,
 )
-from raytracer.scene.programs import Program, Register, check_program, check_register, make_value
+from raytracer.scene.programs import Aovs, Program, Register, check_aovs, check_program, check_register, make_value
 
 # The colors of a closure, its directions, and the range of each of its numbers.
 CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction")
@@ -131,6 +131,7 @@ class Material:
     transparent_shadow : False stops light all the same where the surface is transparent
     normal : a Register of `program`, the normal that stands for the surface's own, for closures and for the rest of the
         program, or None (a displacement that is shown as a bump)
+    aovs : what it writes to passes that the scene names; None writes nothing
     """
 
     closures: Sequence[Closure] = ()
@@ -139,6 +140,7 @@ class Material:
     program: Program | None = None
     transparent_shadow: bool = True
     normal: Register | None = None
+    aovs: Aovs | None = None
 
     def __post_init__(self) -> None:
         require_text(self.name, "Material: name")
@@ -149,10 +151,17 @@ class Material:
         if self.normal is not None and not isinstance(self.normal, Register):
             raise ValueError(f"{label}: normal: expected a Register or None, got {type(self.normal).__name__}")
         check_register(self.normal, self.program, f"{label}: normal")
+        check_aovs(self.aovs, f"{label}: aovs")
         set_field(self, "closures", make_records(self.closures, Closure, f"{label}: closures"))
         for closure in self.closures:
             for name, register in closure.registers.items():
                 check_register(register, self.program, f"{label}: {closure.kind}: {name}")
+
+    @property
+    def programs(self) -> tuple[Program, ...]:
+        """All programs that it has."""
+        found = (self.program, None if self.aovs is None else self.aovs.program)
+        return tuple(program for program in found if program is not None)
 
 
 DEFAULT_MATERIAL = Material((Closure("diffuse", color=0.8),), name="default")

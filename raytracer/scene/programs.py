@@ -151,6 +151,37 @@ class Program:
         check_register(self.result, self, "Program: result")
 
 
+@dataclass(frozen=True, eq=False)
+class Aovs:
+    """What shaders write to passes that a scene names itself (arbitrary output variables).
+
+    A program of their own, so that a picture keeps its bits whatever is written beside it.
+
+    values : by name of the pass, a number, a color, or a Register of `program`
+    program : None where all are constant
+    """
+
+    values: Mapping[str, Value] = field(default_factory=dict)
+    program: Program | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.values, Mapping):
+            raise ValueError(f"Aovs: values: expected a table, got {type(self.values).__name__}")
+        check_program(self.program, "Aovs: program")
+        values = {}
+        for name, value in self.values.items():
+            require_text(name, "Aovs: values")
+            values[name] = make_value(value, f"Aovs: {name!r}")
+            check_register(values[name], self.program, f"Aovs: {name!r}")
+        object.__setattr__(self, "values", values)
+
+
+def check_aovs(value: Any, label: str) -> None:
+    """Raise ValueError if `value` is neither an Aovs nor None."""
+    if value is not None and not isinstance(value, Aovs):
+        raise ValueError(f"{label}: expected an Aovs or None, got {type(value).__name__}")
+
+
 def check_program(value: Any, label: str) -> None:
     """Raise ValueError if `value` is neither a Program nor None."""
     if value is not None and not isinstance(value, Program):

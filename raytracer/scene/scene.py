@@ -15,6 +15,7 @@ import numpy as np
 
 from raytracer.scene.camera import Camera
 from raytracer.scene.fields import make_records, require_text, set_field
+from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import Light, World
 from raytracer.scene.materials import DEFAULT_MATERIAL, Material
 from raytracer.scene.motion import Motion, require_fitting
@@ -31,6 +32,7 @@ class Scene:
     materials : Material records; empty = one grey diffuse material for all
     lights : light records
     world : World, or None for black
+    light_groups : LightGroups, or None where what shines is in no groups
     camera : Camera, or None (a scene without a camera can be cast into, but not rendered)
     motion : Motion while the shutter is open, which only renders show; the other fields hold the moment in its middle.
         None = nothing moves
@@ -57,13 +59,15 @@ class Scene:
     motion: Motion | None = None
     neighbors: Motion | None = None
     name: str = field(default="", compare=False)
+    light_groups: LightGroups | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("meshes", Mesh), ("spheres", Spheres), ("materials", Material), ("lights", Light)):
             set_field(self, name, make_records(getattr(self, name), kind, f"Scene: {name}"))
         optional: tuple[tuple[str, type], ...] = (
             *(("instances", Instances), ("world", World)),
-            *(("camera", Camera), ("motion", Motion), ("neighbors", Motion)),
+            *(("camera", Camera), ("light_groups", LightGroups)),
+            *(("motion", Motion), ("neighbors", Motion)),
         )
         for name, record in optional:
             value = getattr(self, name)
@@ -88,6 +92,11 @@ class Scene:
                 )
         for motion in filter(None, (self.motion, self.neighbors)):
             require_fitting(motion, self.instances, self.meshes)
+        if self.light_groups is not None:
+            for name, count in (("lights", len(self.lights)), ("objects", self.instance_count + len(self.spheres))):
+                found = len(getattr(self.light_groups, name))
+                if found != count:
+                    raise ValueError(f"Scene: light_groups: {name}: expected {count} numbers, got {found}")
 
     @property
     def instance_count(self) -> int:

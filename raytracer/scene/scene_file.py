@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from raytracer.files.archive import Archive, open_archive, take_table, write_archive
 from raytracer.scene.camera import Camera, Panorama
+from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import AreaLight, LightNodes, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
 from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion
-from raytracer.scene.programs import Image, Program, Register, Step, TiledImage
+from raytracer.scene.programs import Aovs, Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Instances, Mesh, Spheres
 
@@ -27,7 +28,7 @@ RECORDS = {
     record.__name__: record
     for record in (
         *(Mesh, Spheres, Instances, Closure, Material, PointLight, SpotLight, SunLight, AreaLight),
-        *(LightNodes, World, Camera, Panorama, Scene, Program, Step, Register, Image, TiledImage),
+        *(LightNodes, World, Camera, Panorama, Scene, LightGroups, Aovs, Program, Step, Register, Image, TiledImage),
         *(Motion, CameraMotion, InstanceMotion, MeshMotion),
     )
 }

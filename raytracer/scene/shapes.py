@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,6 +24,8 @@ from raytracer.scene.fields import (
     set_receivers,
     set_seen_by,
 )
+
+LARGEST_INDEX = int(np.iinfo(np.int32).max)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,24 @@ class Mesh:
         _set_attributes(self, len(positions), len(triangles), label)
         _set_material(self, len(triangles), label)
 
+    def with_material(self, material: Any, attributes: Mapping[str, Any] | None = None) -> Mesh:
+        """Return the mesh with another material, and with `attributes` unless None; its arrays are not checked again.
+
+        Examples
+        --------
+        >>> mesh = Mesh(positions=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], triangles=[(0, 1, 2)])
+        >>> painted = mesh.with_material(3)
+        >>> painted.material, painted.positions is mesh.positions
+        (3, True)
+        """
+        mesh, label = copy.copy(self), f"Mesh {self.name!r}" if self.name else "Mesh"
+        set_field(mesh, "material", material)
+        _set_material(mesh, len(self.triangles), label)
+        if attributes is not None:
+            set_field(mesh, "attributes", attributes)
+            _set_attributes(mesh, len(self.positions), len(self.triangles), label)
+        return mesh
+
 
 def _set_attributes(record: Mesh | Spheres, points: int, triangles: int | None, label: str) -> None:
     """Attributes have (k) numbers of each point, or (3, k) of each triangle where a record has triangles."""
@@ -92,6 +113,8 @@ def _set_attributes(record: Mesh | Spheres, points: int, triangles: int | None, 
 
 def _set_material(record: Any, count: int, label: str) -> None:
     """Material indices are one int for all primitives, or one per primitive."""
+    if type(record.material) is int and 0 <= record.material <= LARGEST_INDEX:
+        return  # as thousands of meshes have it
     if np.ndim(record.material) == 0:
         lowest = int(set_array(record, "material", np.int32, (), label))
         set_field(record, "material", lowest)

@@ -72,8 +72,7 @@ class ComputedMaterials:
 
 def list_scene_attributes(scene: Scene) -> set[str]:
     """Return the names of the mesh attributes that the programs of a scene read."""
-    programs = [material.program for material in scene.materials if material.program is not None]
-    return {name for program in programs for name in list_attributes(program)}
+    return {name for material in scene.materials for program in material.programs for name in list_attributes(program)}
 
 
 def make_computed_materials(kept: list[list[Closure]], scene: Scene, tables: SiteTables) -> ComputedMaterials:
@@ -94,7 +93,7 @@ def _make_normal_recipes(scene: Scene) -> Recipes:
         if material.normal is not None and material.program is not None:
             needed = find_needed(material.program, [material.normal])
             recipes[number] = Recipe(material.program, {NORMAL: material.normal}, needed, frozenset())
-    return _join_recipes(recipes, len(scene.materials))
+    return join_recipes(recipes, len(scene.materials))
 
 
 def bend_normals(computed: ComputedMaterials, surface: Surface, path: LightPath | None) -> Surface:
@@ -123,10 +122,10 @@ def _make_recipes(
             program = programs[material]
             shining = frozenset((slot, name) for slot, name in values if shines(closures[slot].kind, name))
             recipes[material] = Recipe(program, values, find_needed(program, values.values()), shining)
-    return _join_recipes(recipes, len(kept))
+    return join_recipes(recipes, len(kept))
 
 
-def _join_recipes(recipes: dict[int, Recipe], count: int) -> Recipes:
+def join_recipes(recipes: dict[int, Recipe], count: int) -> Recipes:
     """Return the recipes of `count` materials, by number, with those that are like each other as one."""
     groups: dict[Hashable, list[int]] = {}
     for material, recipe in recipes.items():
@@ -148,8 +147,8 @@ def compute_columns(computed: ComputedMaterials, recipes: Recipes, surface: Surf
     """Return what the recipes make at n points: by (slot, field) arrays of n rows, NaN at points whose material does
     not compute that field."""
     columns: Columns = {}
-    for recipe, points in _sort_points(recipes, surface.material):
-        outputs = evaluate(recipe.program, _make_site(computed, surface, path, points), recipe.needed)
+    for recipe, points in sort_points(recipes, surface.material):
+        outputs = evaluate(recipe.program, make_site(computed.tables, surface, path, points), recipe.needed)
         for slot, value in recipe.values.items():
             if slot not in columns:
                 width = (3,) if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else ()
@@ -159,7 +158,7 @@ def compute_columns(computed: ComputedMaterials, recipes: Recipes, surface: Surf
     return columns
 
 
-def _sort_points(recipes: Recipes, material: Integers) -> Iterator[tuple[Recipe, NDArray[np.intp]]]:
+def sort_points(recipes: Recipes, material: Integers) -> Iterator[tuple[Recipe, NDArray[np.intp]]]:
     """Yield each recipe of materials (n,), and its points in rising order: sorted once for all."""
     if not recipes.recipes:
         return
@@ -171,9 +170,10 @@ def _sort_points(recipes: Recipes, material: Integers) -> Iterator[tuple[Recipe,
             yield recipe, order[start:end]
 
 
-def _make_site(computed: ComputedMaterials, surface: Surface, path: LightPath | None, points: NDArray[np.intp]) -> Site:
+def make_site(tables: SiteTables, surface: Surface, path: LightPath | None, points: NDArray[np.intp]) -> Site:
+    """Return some of n points of a surface as programs see them."""
     chosen, surface = None if path is None else path.select(points), surface.select(points)
-    return Site(surface, computed.tables, chosen, measure_footprint(computed.tables, surface, chosen))
+    return Site(surface, tables, chosen, measure_footprint(tables, surface, chosen))
 
 
 def limit(name: str, values: object, shining: bool = False) -> Floats:

@@ -25,7 +25,7 @@ import numpy as np
 
 from raytracer.arrays.checks import require_choice
 from raytracer.scene.fields import LARGEST, require_text
-from raytracer.scene.programs import Program, Register, Step, Value
+from raytracer.scene.programs import Aovs, Program, Register, Step, Value
 from raytracer.scene.scene import Scene
 from raytracer.shading.nodes import (
     arithmetic,
@@ -153,9 +153,20 @@ def check_programs(scene: Scene) -> None:
         for closure in material.closures:
             for name, register in closure.registers.items():
                 check_output(register, material.program, f"Material {material.name!r}: {closure.kind}: {name}")
+        check_aov_steps(material.aovs, f"Material {material.name!r}: aovs")
     if scene.world is not None:
         check_program_steps(scene.world.program, "World: program")
         check_output(scene.world.color, scene.world.program, "World: color")
+        check_aov_steps(scene.world.aovs, "World: aovs")
+
+
+def check_aov_steps(aovs: Aovs | None, label: str) -> None:
+    """Raise ValueError where what shaders write to passes cannot be computed."""
+    if aovs is None:
+        return
+    check_program_steps(aovs.program, label)
+    for name, value in aovs.values.items():
+        check_output(value, aovs.program, f"{label}: {name}")
 
 
 def find_needed(program: Program, wanted: Iterable[Any]) -> tuple[int, ...]:

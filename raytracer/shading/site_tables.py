@@ -37,15 +37,8 @@ class CameraView:
 
     @property
     def axes(self) -> tuple[list[int], Floats]:
-        """What nodes call x, y and z of camera space: axes of Blender's, and their signs.
-
-        z is forward; Cycles' panoramas look along x with z up, and its mirror ball along y.
-        """
-        if self.camera.panorama is None:
-            return [0, 1, 2], np.array([1.0, 1.0, -1.0])
-        if self.camera.panorama.kind == "mirror_ball":
-            return [0, 2, 1], np.ones(3)
-        return [2, 0, 1], np.array([-1.0, -1.0, 1.0])
+        """What nodes call x, y and z of camera space (`choose_axes`)."""
+        return choose_axes(self.camera)
 
     @property
     def pixel(self) -> float:
@@ -59,6 +52,18 @@ class CameraView:
             return float(SMALL_ANGLE / abs(x[1] - x[0]))
         x = find_on_film(self.camera, self.width, self.height, np.array([[0.0, 0.0, -1.0], [1.0, 0.0, -1.0]]))[0]
         return float(1.0 / (x[1] - x[0]))
+
+
+def choose_axes(camera: Camera) -> tuple[list[int], Floats]:
+    """Return what nodes call x, y and z of camera space: axes of Blender's, and their signs.
+
+    z is forward; Cycles' panoramas look along x with z up, and its mirror ball along y.
+    """
+    if camera.panorama is None:
+        return [0, 1, 2], np.array([1.0, 1.0, -1.0])
+    if camera.panorama.kind == "mirror_ball":
+        return [0, 2, 1], np.ones(3)
+    return [2, 0, 1], np.array([-1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)

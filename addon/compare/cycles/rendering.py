@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from raytracer.processes.folders import OwnedFolder
 
 from ... import interrupts
-from ...passes import MATTE_OPTIONS, PASSES, enable_passes, find_pass
+from ...passes import MATTE_OPTIONS, enable_passes, find_pass, is_on, list_options, switch
 from ...properties import BOUNCE_LIMITS, ENGINE, TAMING
 from ...versions import blender_pass_name, read_image_format, set_image_format
 from .exr import read_exr
@@ -173,8 +173,6 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         "filter_width": request.filter_width,
     }
     size = {"resolution_x": request.width, "resolution_y": request.height}
-    options = (*(stored.option for stored in PASSES.values()), *MATTE_OPTIONS.values(), "pass_cryptomatte_depth")
-    switches = {option: getattr(view_layer, option) for option in options}
     others = {layer.name: layer.use for layer in scene.view_layers}
     preferences = bpy.context.preferences
     with (
@@ -184,17 +182,30 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         changed(scene.render, engine=scene.render.engine, **PLAIN_RENDER, **size),
         changed(scene.cycles, seed=scene.cycles.seed, **cycles),
         changed(scene.reference_raytracer, seed=scene.reference_raytracer.seed, **ours),
-        changed(view_layer, **switches),
+        chosen_passes(view_layer, request.passes),
         sharp_camera(scene) if request.through_centre else nullcontext(),
     ):
         try:
             for layer in scene.view_layers:
                 layer.use = layer == view_layer
-            enable_passes(view_layer, request.passes)
             yield
         finally:
             for name, use in others.items():
                 scene.view_layers[name].use = use
+
+
+@contextmanager
+def chosen_passes(view_layer: Any, names: tuple[str, ...]) -> Iterator[None]:
+    """Let a view layer have exactly some passes for as long as the context lasts."""
+    before = {option: is_on(view_layer, option) for option in (*list_options(), *MATTE_OPTIONS.values())}
+    depth = view_layer.pass_cryptomatte_depth
+    try:
+        enable_passes(view_layer, names)
+        yield
+    finally:
+        for option, on in before.items():
+            switch(view_layer, option, on)
+        view_layer.pass_cryptomatte_depth = depth
 
 
 def sharp_camera(scene: Any) -> AbstractContextManager[None]:

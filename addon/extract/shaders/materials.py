@@ -23,6 +23,7 @@ from ..custom_properties import find_layer
 from ..displacing import SMOOTH, VERTEX_NORMAL
 from ..kept import Kept
 from ..warnings import Warning, WarningList
+from .aovs import read_aovs
 from .closures import CLOSURE_READERS, GREY, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
 from .node_settings import DEFAULT_UV
@@ -148,12 +149,15 @@ def read_shine(socket: Any, builder: ProgramBuilder) -> Value | None:
     return total
 
 
-def extract_material(material: Any, object_name: str, images: ImageTable, warnings: WarningList) -> raytracer.Material:
-    """Return one evaluated Blender material; `object_name` is where it was met first.
+def extract_material(
+    material: Any, object_name: str, images: ImageTable, warnings: WarningList, aovs: Sequence[str] = ()
+) -> raytracer.Material:
+    """Return one evaluated Blender material; `object_name` is where it was met first, `aovs` passes that it may write.
 
     Without nodes it is diffuse of the viewport color, as in Cycles.
     """
-    builder = ProgramBuilder(WarningContext(warnings, object_name, material.name), images, material.pass_index)
+    place = WarningContext(warnings, object_name, material.name)
+    builder = ProgramBuilder(place, images, material.pass_index)
     node_tree = versions.find_node_tree(material)
     if node_tree is None:
         closures = [raytracer.Closure("diffuse", color=read_color(material.diffuse_color))]
@@ -167,6 +171,7 @@ def extract_material(material: Any, object_name: str, images: ImageTable, warnin
         program=find_program(closures, normal, builder),
         transparent_shadow=material.use_transparent_shadow,
         normal=normal,
+        aovs=read_aovs(node_tree, aovs, ProgramBuilder(place, images, material.pass_index)),
     )
 
 
@@ -251,6 +256,7 @@ class MaterialEntry:
     attributes, properties : names of those of meshes and of instances that it reads
     warnings : what could not be honoured
     displacement : what moves its surface, or None
+    aovs : the passes that it was read for
     moves : True where it shows an image sequence or properties of the view layer, which change though nothing says so
     """
 
@@ -262,12 +268,19 @@ class MaterialEntry:
     moves: bool = False
     properties: frozenset[str] = frozenset()
     displacement: Displacement | None = None
+    aovs: tuple[str, ...] = ()
 
 
 class MaterialTable:
-    """The scene's materials, each extracted once, numbered in the order they are met."""
+    """The scene's materials, each extracted once, numbered in the order they are met.
 
-    def __init__(self, warnings: WarningList, kept: Kept | None = None, frame: int = 1) -> None:
+    aovs : the passes that materials may write
+    """
+
+    def __init__(
+        self, warnings: WarningList, kept: Kept | None = None, frame: int = 1, aovs: tuple[str, ...] = ()
+    ) -> None:
+        self._aovs = aovs
         self.entries: list[MaterialEntry] = []
         self._indices: dict[int, int] = {}
         self._warnings, self._kept = warnings, kept or Kept()
@@ -290,7 +303,7 @@ class MaterialTable:
         if identity in self._indices or last is None:
             return identity in self._indices
         says_same = not last.warnings or last.object_name == object_name
-        return says_same and self._kept.trusts_materials and self._kept.trusts(identity)
+        return says_same and last.aovs == self._aovs and self._kept.trusts_materials and self._kept.trusts(identity)
 
     def reuse(self, identity: int) -> int:
         """Return the index of a material that can be reused."""
@@ -304,10 +317,10 @@ class MaterialTable:
         if material is None:
             record = raytracer.Material((raytracer.Closure(versions.default_shader(), color=GREY),), name="default")
         else:
-            record = extract_material(material, object_name, self.images, own)
+            record = extract_material(material, object_name, self.images, own, self._aovs)
             place = WarningContext(own, object_name, material.name)
             displacement = read_displacement(material, place, self.images)
-        programs = [] if record.program is None else [record.program]
+        programs = list(record.programs)
         attributes: set[str] = set()
         if displacement is not None:
             programs.append(displacement.program)
@@ -316,7 +329,8 @@ class MaterialTable:
         properties = frozenset(name for program in programs for name in list_properties(program))
         moves = self.images.sequences > sequences or layer.reads > reads
         return MaterialEntry(
-            identity, object_name, record, frozenset(attributes), own.records, moves, properties, displacement
+            *(identity, object_name, record, frozenset(attributes), own.records, moves, properties, displacement),
+            aovs=self._aovs,
         )
 
     def _add(self, entry: MaterialEntry) -> None:
@@ -346,7 +360,7 @@ class MaterialTable:
     @property
     def read_object_info(self) -> bool:
         """True where a material reads the random number or the color of its object."""
-        programs = [record.program for record in self.records if record.program is not None]
+        programs = [program for record in self.records for program in record.programs]
         programs += [each.program for each in self.displacements.values()]
         return any(step.operation in OBJECT_READERS for program in programs for step in list_steps(program))
 

@@ -73,7 +73,9 @@ class Clusters:
 
     def from_leaves(self) -> Iterator[slice]:
         """Yield the merged clusters in slices: parts come before their union."""
-        return (slice(start, stop) for start, stop in pairwise(self.rounds))
+        for start, stop in pairwise(self.rounds):
+            for begin in range(start, stop, BLOCK):
+                yield slice(begin, min(begin + BLOCK, stop))
 
     def from_root(self) -> Iterator[slice]:
         """Yield the merged clusters in slices: unions come before their parts."""
@@ -116,8 +118,8 @@ def cluster(bounds: Bounds) -> Clusters:
         items=np.empty(count, np.int32),
         rounds=[count],
     )
-    active = bounds.take(order, axis=1)
-    merged.bounds[:, :count] = active
+    merged.bounds[:, :count] = bounds.take(order, axis=1)
+    active = merged.bounds[:, :count]
     names = np.arange(count, dtype=np.int32)
     while len(names) > 1:
         first, second = _choose_pairs(active)
@@ -125,12 +127,13 @@ def cluster(bounds: Bounds) -> Clusters:
         merged.left[new], merged.right[new] = names[first], names[second]
         merged.count[new] = merged.count[names[first]] + merged.count[names[second]]
         union = np.minimum(active.take(first, axis=1), active.take(second, axis=1))
-        merged.bounds[:, new] = active[:, first] = union
-        names[first] = np.arange(new.start, new.stop)
+        merged.bounds[:, new] = union
         left_over = np.ones(len(names), dtype=bool)
         left_over[second] = False
         keep = np.flatnonzero(left_over)
         active, names = active.take(keep, axis=1), names[keep]
+        place = np.searchsorted(keep, first)
+        active[:, place], names[place] = union, np.arange(new.start, new.stop)
         merged.rounds.append(new.stop)
     _place_items(merged, order)
     return merged

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.casting.bvh.clustering import Bounds
-from raytracer.casting.bvh.instances import PlacedTrees, can_be_placed, invert
+from raytracer.casting.bvh.instances import BLOCK, MeshTree, PlacedTrees, can_be_placed, place_trees
 from raytracer.casting.bvh.tree import Frame, make_frame, to_bounds
 from raytracer.casting.bvh.tree_table import NO_BOUNDS, NO_CORNERS, JoinedTree, Name, Table, TreeInput
-from raytracer.casting.geometry import Geometry
+from raytracer.casting.geometry import Geometry, list_meshes
 from raytracer.casting.primitives import Primitives, extremes, instance_bounds
-from raytracer.predicates.rounding import gamma
 
 # Copies of triangles that flattening may add in all (72 bytes each, plus their share of a tree).
 FLATTEN_LIMIT = 1 << 19
@@ -29,9 +28,10 @@ class Hierarchy:
 
     frame : of the world trees
     nodes : (k, 8, 4) float32, all trees' nodes; child references count in this table
-    triangles : (b, 10, 4) float32, the triangles of all leaves, see `leaves`
-    items : (b, 4) int64, what the leaves hold: primitive ids up to row `instances_begin`, then instances up to
-        `meshes_begin`, then triangles of shared meshes
+    triangles : (b, 10, 4) float32, the triangles of the leaves before `instances_begin`, see `leaves`
+    items : (b, 4) int64, what those leaves hold: primitive ids, and triangles of shared meshes
+    instances_begin : number of the first leaf that holds an instance
+    instances : (i,) int64, the instances that such leaves hold
     roots : nodes at which every ray begins
     placed : the shared meshes' trees, or None
     trees : the trees by name, for the next build
@@ -42,7 +42,7 @@ class Hierarchy:
     triangles: NDArray[np.float32]
     items: NDArray[np.int64]
     instances_begin: int
-    meshes_begin: int
+    instances: NDArray[np.int64]
     roots: tuple[int, ...]
     placed: PlacedTrees | None
     trees: dict[Name, JoinedTree]
@@ -65,10 +65,12 @@ def choose_flattened(geometry: Geometry) -> Booleans:
         boxes = instance_bounds(geometry, np.arange(len(geometry.instance_mesh)))
         frame = make_frame(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
         exponents = np.zeros(len(geometry.mesh_first), np.int32)
-        for mesh in np.unique(geometry.instance_mesh[shared]):
+        for mesh in list_meshes(geometry, shared):
             exponents[mesh] = mesh_frame(mesh_corners(geometry, mesh)).exponent
-        matrices = geometry.world_from_object[shared]
-        flattened[shared] = ~can_be_placed(matrices, exponents[geometry.instance_mesh[shared]], frame.exponent)
+        for start in range(0, len(shared), BLOCK):
+            part = shared[start : start + BLOCK]
+            matrices, exponent = geometry.world_from_object[part], exponents[geometry.instance_mesh[part]]
+            flattened[part] = ~can_be_placed(matrices, exponent, frame.exponent)
     return flattened
 
 
@@ -86,12 +88,13 @@ def build_hierarchy(primitives: Primitives, last: Hierarchy | None = None) -> Hi
     roots = []
     if len(primitives.corners) + len(sphere_boxes):
         roots.append(_build_flattened(table, primitives, frame, to_bounds(frame, sphere_boxes)))
-    instances_begin = table.leaf_count
-    if len(shared):
-        source = TreeInput(frame, NO_CORNERS, to_bounds(frame, instance_bounds(geometry, shared)), leaf_size=1)
-        roots.append(table.append(("instances", 0), source, shared.astype(np.int64)))
-    meshes_begin = table.leaf_count
     placed = _build_meshes(table, geometry, shared) if len(shared) else None
+    instances, instances_begin = shared, table.leaf_count
+    if len(shared):
+        source = TreeInput(frame, NO_CORNERS, to_bounds(frame, instance_bounds(geometry, shared)))
+        root, order = table.append_boxes(("instances", 0), source)
+        roots.append(root)
+        instances = shared.take(order)
     nodes, triangles, items = table.join()
     return Hierarchy(
         frame=frame,
@@ -99,7 +102,7 @@ def build_hierarchy(primitives: Primitives, last: Hierarchy | None = None) -> Hi
         triangles=triangles,
         items=items,
         instances_begin=instances_begin,
-        meshes_begin=meshes_begin,
+        instances=instances,
         roots=tuple(roots),
         placed=placed,
         trees=table.trees,
@@ -158,20 +161,14 @@ def mesh_frame(corners: Floats) -> Frame:
 
 def _build_meshes(table: Table, geometry: Geometry, shared: NDArray) -> PlacedTrees:
     """Build one tree per mesh of the shared instances; meshes that share their geometry share the tree."""
-    count = len(geometry.instance_mesh)
-    root, exponent = np.zeros(count, np.int32), np.zeros(count, np.int32)
-    centre, largest = np.zeros((count, 3)), np.zeros((count, 3))
-    first_row = geometry.mesh_first[geometry.instance_mesh]
-    for row in np.unique(first_row[shared]):
-        users = shared[first_row[shared] == row]
-        corners = mesh_corners(geometry, int(geometry.instance_mesh[users[0]]))
+    used = list_meshes(geometry, shared)
+    rows, first, row_of_used = np.unique(geometry.mesh_first[used], return_index=True, return_inverse=True)
+    row_of_mesh = np.zeros(len(geometry.mesh_first), np.int32)
+    row_of_mesh[used] = row_of_used
+    meshes = []
+    for row, mesh in zip(rows, used[first], strict=True):
+        corners = mesh_corners(geometry, mesh)
         frame = mesh_frame(corners)
-        root[users] = table.append(("mesh", int(row)), TreeInput(frame, corners, NO_BOUNDS), np.arange(len(corners)))
-        centre[users], exponent[users] = frame.centre, frame.exponent
-        largest[users] = np.abs(corners.reshape(-1, 3)).max(axis=0)
-    matrices = geometry.world_from_object
-    inverse, residual = invert(matrices)
-    sizes = np.einsum("kij,kj->ki", np.abs(matrices[:, :3, :3]), largest) + np.abs(matrices[:, :3, 3])
-    corner_error = np.einsum("kij,kj->ki", np.abs(inverse), gamma(4) * sizes)
-    first_id = geometry.first_id[:count]
-    return PlacedTrees(root, first_id, inverse, matrices[:, :3, 3], centre, exponent, residual, corner_error)
+        root = table.append(("mesh", int(row)), TreeInput(frame, corners, NO_BOUNDS), np.arange(len(corners)))
+        meshes.append(MeshTree(root, frame, np.abs(corners.reshape(-1, 3)).max(axis=0)))
+    return place_trees(geometry, meshes, row_of_mesh[geometry.instance_mesh])

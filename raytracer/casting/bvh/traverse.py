@@ -202,7 +202,7 @@ class Traversal:
         if self.hierarchy.placed is None:
             self.leaves.append(pairs)
             return
-        instance = (pairs.target >= self.hierarchy.instances_begin) & (pairs.target < self.hierarchy.meshes_begin)
+        instance = pairs.target >= self.hierarchy.instances_begin
         self.instances.append(pairs.select(np.flatnonzero(instance)))
         self.leaves.append(pairs.select(np.flatnonzero(~instance)))
 
@@ -261,11 +261,11 @@ class Traversal:
         placed = self.hierarchy.placed
         assert placed is not None
         pairs = self._drop_passed(self.instances.take_all())
-        ray, instance = pairs.row, self.hierarchy.items[pairs.target, 0]
+        ray, instance = pairs.row, self.hierarchy.instances[pairs.target - self.hierarchy.instances_begin]
         self.marks.append((self.stack.size, self.rows.count))
         rows = place_rays(placed, self.hierarchy.frame, self.rays, ray, instance)
         row = self.rows.append(rows, self.begin[ray], ray, placed.first_id[instance])
-        self.stack.push(Pairs(row, placed.root[instance], pairs.entry))
+        self.stack.push(Pairs(row, placed.root[placed.mesh[instance]], pairs.entry))
 
     def _release_rows(self) -> int:
         """Forget the rows of instances that are done with; return where the stack of those in work begins."""

@@ -21,6 +21,7 @@ Name = tuple[str, int]
 # Triangles whose boxes are computed at a time.
 BLOCK = 1 << 14
 NO_CORNERS = np.zeros((0, 9))
+NO_TRIANGLES = np.zeros((0, LEAF_ROWS, WIDTH), np.float32)
 NO_BOUNDS = np.zeros((6, 0), np.float32)
 
 
@@ -30,13 +31,11 @@ class TreeInput:
 
     corners : (t, 9) of the triangles
     others : (6, k) bounds, in the frame, of what is no triangle
-    leaf_size : items per leaf
     """
 
     frame: Frame
     corners: NDArray
     others: Bounds
-    leaf_size: int = WIDTH
 
     def __len__(self) -> int:
         return len(self.corners) + self.others.shape[1]
@@ -44,10 +43,7 @@ class TreeInput:
     def equals(self, other: TreeInput) -> bool:
         same_frame = self.frame.exponent == other.frame.exponent and (self.frame.centre == other.frame.centre).all()
         return bool(
-            same_frame
-            and self.leaf_size == other.leaf_size
-            and np.array_equal(self.corners, other.corners)
-            and np.array_equal(self.others, other.others)
+            same_frame and np.array_equal(self.corners, other.corners) and np.array_equal(self.others, other.others)
         )
 
 
@@ -55,7 +51,8 @@ class TreeInput:
 class JoinedTree:
     """A tree within a table: views of its rows, the first of which are `node_base` and `leaf_base`.
 
-    leaves : (b, 4) int32 items of its leaves, counted in the input
+    triangles : (b, 10, 4) float32, see `leaves`; none where leaves hold no triangles
+    leaves : (b, 4) or (b, 1) int32 items of its leaves, counted in the input
     """
 
     source: TreeInput
@@ -74,9 +71,20 @@ class JoinedTree:
 
 def grow_tree(source: TreeInput) -> JoinedTree:
     """Build a tree that begins a table of its own."""
-    bounds = np.concatenate([bound_triangles(source.frame, source.corners), source.others], axis=1)
-    tree = build_tree(bounds, source.frame, source.leaf_size)
+    tree = build_tree(bound_all(source), source.frame)
     return JoinedTree(source, tree.nodes, pack_leaves(tree, source.corners), tree.leaves)
+
+
+def grow_box_tree(source: TreeInput) -> JoinedTree:
+    """Build a tree that begins a table of its own over boxes alone, one in a leaf."""
+    tree = build_tree(source.others, source.frame, leaf_size=1)
+    return JoinedTree(source, tree.nodes, NO_TRIANGLES, tree.leaves[:, :1].copy())
+
+
+def bound_all(source: TreeInput) -> Bounds:
+    """(6, t + k) bounds of a tree's triangles and boxes."""
+    triangles = bound_triangles(source.frame, source.corners)
+    return np.concatenate([triangles, source.others], axis=1) if source.others.shape[1] else triangles
 
 
 def bound_triangles(frame: Frame, corners: NDArray) -> Bounds:
@@ -103,25 +111,32 @@ class Table:
         known = self.last.get(name)
         # The new input replaces the last one, so that the arrays of the last scene can be freed.
         tree = replace(known, source=source) if known and known.source.equals(source) else grow_tree(source)
-        return self._add(name, tree, item_ids[tree.leaves])
+        self.items.append(item_ids[tree.leaves])
+        return self._add(name, tree, len(tree.leaves))
+
+    def append_boxes(self, name: Name, source: TreeInput) -> tuple[int, Integers]:
+        """Add the tree of an input without triangles, after all that have some; return its root, and the item of each
+        of its leaves."""
+        known = self.last.get(name)
+        tree = replace(known, source=source) if known and known.source.equals(source) else grow_box_tree(source)
+        return self._add(name, tree, len(tree.leaves)), tree.leaves[:, 0]
 
     def append_top(self, name: Name, frame: Frame, roots: Mapping[Name, int]) -> int:
         """Add a tree whose leaves are trees that are in the table already, given by their roots; return its root."""
         others = np.stack([self.trees[part].bounds() for part in roots], axis=1)
-        tree = grow_tree(TreeInput(frame, NO_CORNERS, others, leaf_size=1))
-        root = self._add(name, tree, tree.leaves[:0].astype(np.int64))
+        tree = grow_box_tree(TreeInput(frame, NO_CORNERS, others))
+        root = self._add(name, tree, 0)
         reference = self.trees[name].nodes.view(np.int32)[:, REFERENCE_ROW]
         leaf = reference < 0
         reference[leaf] = np.array(list(roots.values()), np.int32)[tree.leaves[~(reference[leaf] + self.leaf_count), 0]]
         return root
 
-    def _add(self, name: Name, tree: JoinedTree, items: NDArray[np.int64]) -> int:
-        """Renumber a tree's references and list it; `items` has a row for each leaf that the table keeps."""
+    def _add(self, name: Name, tree: JoinedTree, kept: int) -> int:
+        """Renumber a tree's references and list it with the first `kept` of its leaves; return its root."""
         nodes = tree.nodes.copy()
         reference = nodes.view(np.int32)[:, REFERENCE_ROW]
         inner = np.int32(self.node_count - tree.node_base)
         reference += np.where(reference < 0, np.int32(tree.leaf_base - self.leaf_count), inner)
-        kept = len(items)
         root = self.node_count
         self.trees[name] = replace(
             tree,
@@ -131,18 +146,21 @@ class Table:
             node_base=root,
             leaf_base=self.leaf_count,
         )
-        self.items.append(items)
         self.node_count += len(nodes)
         self.leaf_count += kept
         return root
 
     def join(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
         """Return nodes (k, 8, 4), triangles (b, 10, 4) and items (b, 4); `trees` become views of them."""
+        if len(self.trees) == 1 and not self.last:  # it may be most of the memory: no copy
+            (tree,) = self.trees.values()
+            return tree.nodes, tree.triangles, self.items[-1]
         nodes = np.empty((self.node_count, NODE_ROWS, WIDTH), np.float32)
-        triangles = np.empty((self.leaf_count, LEAF_ROWS, WIDTH), np.float32)
+        items = np.concatenate(self.items)
+        triangles = np.empty((len(items), LEAF_ROWS, WIDTH), np.float32)
         for name, tree in self.trees.items():
             rows = slice(tree.node_base, tree.node_base + len(tree.nodes))
-            leaf_rows = slice(tree.leaf_base, tree.leaf_base + len(tree.leaves))
+            leaf_rows = slice(tree.leaf_base, tree.leaf_base + len(tree.triangles))
             nodes[rows], triangles[leaf_rows] = tree.nodes, tree.triangles
             self.trees[name] = replace(tree, nodes=nodes[rows], triangles=triangles[leaf_rows])
-        return nodes, triangles, np.concatenate(self.items)
+        return nodes, triangles, items

@@ -214,15 +214,23 @@ def _build_levels(frame: Frame, boxes: Floats) -> tuple[list[NDArray[np.float32]
 
 def _make_frames(geometry: Geometry, frame: Frame, shared: NDArray, mesh_frames: list[Frame], mesh: NDArray) -> Floats:
     """The frames (i, FRAME_COLUMNS) of the instances `shared`, whose meshes `mesh` have frames of their own."""
-    matrices = geometry.world_from_object[shared]
+    frames = np.empty((len(shared), FRAME_COLUMNS))
+    exponent = np.array([each.exponent for each in mesh_frames])
+    centre = np.array([each.centre for each in mesh_frames])
+    for start in range(0, len(shared), BLOCK):  # what a block needs stays within the cache
+        part = slice(start, start + BLOCK)
+        matrices = geometry.world_from_object[shared[part]]
+        _fill_frames(frames[part], matrices, frame, exponent.take(mesh[part]), centre.take(mesh[part], axis=0))
+    return frames
+
+
+def _fill_frames(frames: Floats, matrices: Floats, frame: Frame, exponent: Integers, centre: Floats) -> None:
+    """Fill in frames (k, FRAME_COLUMNS) of matrices (k, 4, 4), of meshes with frames of (k,) and (k, 3)."""
     inverse, residual = invert(matrices)
-    exponent = np.array([each.exponent for each in mesh_frames])[mesh]
-    centre = np.array([each.centre for each in mesh_frames])[mesh]
     largest = np.abs(centre) + np.ldexp(1.0, -exponent)[:, np.newaxis]
     translation = matrices[:, :3, 3]
     sizes = np.einsum("kij,kj->ki", np.abs(matrices[:, :3, :3]), largest) + np.abs(translation)
     corners = np.einsum("kij,kj->ki", np.abs(inverse), gamma(5) * sizes).max(axis=1)
-    frames = np.empty((len(shared), FRAME_COLUMNS))
     frames[:, :9] = np.ldexp(inverse, (exponent - frame.exponent)[:, np.newaxis, np.newaxis]).reshape(-1, 9)
     frames[:, 9:12] = np.ldexp(translation, frame.exponent)
     frames[:, 12:15] = np.ldexp(centre, exponent[:, np.newaxis])
@@ -231,7 +239,6 @@ def _make_frames(geometry: Geometry, frame: Frame, shared: NDArray, mesh_frames:
     frames[:, 16], frames[:, 17] = 4 * residual, np.ldexp(corners, exponent) if known else np.inf
     frames[:, 18] = np.abs(frames[:, 12:15]).max(axis=1)
     frames[:, 19] = QUERY_SHARE * UNIT_ROUNDOFF * _find_growth(matrices[:, :3, :3])
-    return frames
 
 
 def _find_growth(linear: Floats) -> Floats:

@@ -136,12 +136,16 @@ def walk_world(tree: DenseTree, rays: DenseRays, best: NDArray[np.float32], deci
 
 def _test_large(tree: DenseTree, rays: DenseRays, count: int, decide: Decide) -> None:
     """Test all rays with the triangles that are in no block."""
-    size = len(tree.large)
+    size, found = len(tree.large), []
     for start in range(0, count if size else 0, LANE_BLOCK):
         lines = in_packets(rays.lines[start : min(start + LANE_BLOCK, count)])
         index, inside = cross_triangles(tree.large_edges, lines)
         slot, ray = split_index(index, size, lines.shape[1])
-        decide(ray + start, tree.large.take(slot), inside)
+        ray += start
+        found.append((ray, slot, inside))
+    if found:
+        ray, slot, inside = (np.concatenate(column) for column in zip(*found, strict=True))
+        decide(ray, tree.large.take(slot), inside)
 
 
 def in_packets(rows: NDArray[np.float32]) -> NDArray[np.float32]:

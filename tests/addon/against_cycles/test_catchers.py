@@ -1,6 +1,7 @@
 """Shadow catchers against Cycles of the same Blender: color and alpha, over a transparent and an opaque film."""
 
 import bpy
+import numpy as np
 import pytest
 
 from addon.compare.cycles import metrics
@@ -144,3 +145,28 @@ def test_interreflection_and_glass_over_a_catcher_agree():
     glass = building.make_shader("Glass", "Glass", (0.9, 0.9, 0.9), roughness=0.2)
     bpy.data.objects["Ball"].data.materials[0] = glass
     assert_pictures_agree(scene, max_bounces=3, noisy=True, integrator="PATH")
+
+
+# Standard errors, known with ten degrees of freedom, that two means may be apart; and the share of a pixel's rim.
+APART, LEAST = 4.0, 1e-3
+
+
+def test_the_pass_of_catchers_and_those_beside_it_agree():
+    """Where the pass is asked for, Combined leaves the shadows to it; other passes of light leave catchers out."""
+    scene = make_stage()
+    add_lamp()
+    layer = bpy.context.view_layer
+    layer.lightgroups.add(name="lamps")
+    for thing in scene.objects:
+        thing.lightgroup = "lamps"
+    names = ("Combined", "Shadow Catcher", "Diffuse Direct", "Diffuse Indirect", "Diffuse Color", "Combined_lamps")
+    batches = 6
+    for transparent in (True, False):
+        scene.render.film_transparent = transparent
+        request = Request(*SIZE, 32, 2, batches, passes=names, integrator="PATH")
+        ours, cycles = (side.passes for side in render_both(scene, layer, request))
+        for name in names:
+            means = [side[name].mean(axis=(1, 2), dtype=np.float64) for side in (ours, cycles)]
+            error = np.sqrt(sum(batch.var(axis=0, ddof=1) for batch in means) / batches)
+            difference = np.abs(means[0].mean(axis=0) - means[1].mean(axis=0))
+            assert (difference <= APART * error + LEAST).all(), (name, means[0].mean(axis=0), means[1].mean(axis=0))

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -33,13 +34,16 @@ needs_shell = pytest.mark.skipif(sys.platform == "win32", reason="the Python tha
 # A Python that fails the first time that it is to render the second tile.
 FLAKY = """#!/bin/sh
 case "$*" in *2/2*) if mkdir "{folder}/failed" 2>/dev/null; then echo "no licence" >&2; exit 3; fi ;; esac
-cd "{root}" && exec "{python}" "$@"
+exec "{python}" "$@"
 """
 
 
 def run_openjd(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [str(OPENJD), *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=600)
+    """Run `openjd` as the README does."""
+    command, environment = [str(OPENJD), *map(str, arguments)], {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=600
+    )  # fmt: skip
 
 
 def run_job(template: str, **parameters: object) -> subprocess.CompletedProcess[str]:
@@ -59,7 +63,7 @@ def test_templates_are_open_job_descriptions(template: str) -> None:
 def test_a_still_of_which_a_task_fails_once_is_run_again_and_is_the_picture(tmp_path: Path) -> None:
     parts, python = tmp_path / "parts", tmp_path / "python"
     parts.mkdir()
-    python.write_text(FLAKY.format(folder=tmp_path, root=ROOT, python=sys.executable), encoding="utf-8")
+    python.write_text(FLAKY.format(folder=tmp_path, python=sys.executable), encoding="utf-8")
     python.chmod(0o755)
     job = {"Scene": BLEND, "Picture": tmp_path / "farm.png", "Parts": parts, "Tiles": 2, "Python": python}
     settings = {"Size": "24x20", "Samples": 3}
@@ -78,7 +82,7 @@ def test_a_still_of_which_a_task_fails_once_is_run_again_and_is_the_picture(tmp_
 @needs_shell
 def test_frames_are_a_task_each(tmp_path: Path) -> None:
     python = tmp_path / "python"
-    python.write_text(FLAKY.format(folder=tmp_path, root=ROOT, python=sys.executable), encoding="utf-8")
+    python.write_text(FLAKY.format(folder=tmp_path, python=sys.executable), encoding="utf-8")
     python.chmod(0o755)
     pictures = tmp_path / "frame_####.png"
     done = run_job(

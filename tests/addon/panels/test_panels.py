@@ -17,7 +17,7 @@ from addon.compare import window
 from addon.engine import statistics
 from addon.extract.warnings import Warning
 from addon.panels import built_in, last_render, presets, render, resume, scene_data, view_layer
-from addon.passes import MATTE_OPTIONS, PASSES, enable_passes, enabled_passes, find_pass
+from addon.passes import MATTE_OPTIONS, PASSES, enable_passes, enabled_passes, find_pass, list_options
 from addon.properties import ENGINE
 from raytracer.film import passes
 from raytracer.integrator import settings
@@ -60,6 +60,20 @@ class RecordingLayout:
 
     def template_curve_mapping(self, data: Any, name: str) -> None:
         self.prop(data, name)
+
+    def template_list(
+        self, kind: str, name: str, data: Any, items: str, holder: Any, index: str, **options: Any
+    ) -> None:
+        assert hasattr(bpy.types, kind)
+        self.prop(data, items)
+        assert index in holder.bl_rna.properties
+
+    def prop_search(self, data: Any, name: str, found_in: Any, items: str, **options: Any) -> None:
+        self.prop(data, name)
+        assert items in found_in.bl_rna.properties
+
+    def menu(self, name: str, **options: Any) -> None:
+        assert hasattr(bpy.types, name)
 
     def separator(self) -> None:
         pass
@@ -183,13 +197,13 @@ def test_passes_are_those_of_the_film() -> None:
 
 
 def test_passes_panel_switches_what_the_engine_reads(empty_scene: Any, registered: None) -> None:
-    assert draw(view_layer.RAYTRACER_VIEWLAYER_PT_passes).names == [
-        stored.option for name, stored in PASSES.items() if name != "Combined"
-    ]
+    drawn = draw(view_layer.RAYTRACER_VIEWLAYER_PT_passes).names
+    assert drawn == [option.split(".")[-1] for option in list_options() if option != "use_pass_combined"]
     layer = bpy.context.view_layer
-    for name in PASSES:
+    for name, stored in PASSES.items():
         enable_passes(layer, (name,))
-        assert enabled_passes(layer) == tuple(dict.fromkeys(("Combined", name)))
+        switched = [other for other in PASSES if PASSES[other].option in ("use_pass_combined", stored.option)]
+        assert enabled_passes(layer) == tuple(switched)
     layer.use_pass_combined = False  # as a file of another engine may have it; Blender keeps the pass all the same
     assert "Combined" in enabled_passes(layer)
 
@@ -204,6 +218,40 @@ def test_cryptomatte_panel_switches_two_levels_a_pass(empty_scene: Any, register
     assert enabled_passes(layer) == ("Combined", "CryptoObject00", "CryptoAsset00")
     enable_passes(layer, ("Depth",))
     assert enabled_passes(layer) == ("Combined", "Depth")
+
+
+def test_aov_panel_lists_what_shaders_write(empty_scene: Any, registered: None) -> None:
+    layer = bpy.context.view_layer
+    shown = draw(view_layer.RAYTRACER_VIEWLAYER_PT_aov)
+    assert (shown.names, shown.texts) == (["aovs"], [])
+    assert [button.name for button in shown.buttons] == ["scene.view_layer_add_aov", "scene.view_layer_remove_aov"]
+    for button in shown.buttons[:1]:
+        group, name = button.name.split(".")
+        getattr(getattr(bpy.ops, group), name)()
+    layer.aovs[0].name, layer.aovs[0].type = "mask", "VALUE"
+    assert enabled_passes(layer) == ("Combined", "AOV Value mask")
+    stored = find_pass("AOV Value mask")
+    assert (stored.channels, stored.kind, versions.blender_pass_name("AOV Value mask")) == ("X", "VALUE", "mask")
+    assert len(find_pass("AOV Color mask").channels) == passes.find_pass("AOV Color mask").channels
+
+
+def test_light_groups_are_listed_and_given_to_objects_and_the_world(empty_scene: Any, registered: None) -> None:
+    layer, world = bpy.context.view_layer, bpy.data.worlds.new("World")
+    shown = draw(view_layer.RAYTRACER_VIEWLAYER_PT_light_groups)
+    assert shown.names == ["lightgroups"]
+    assert [button.name.split("_")[-2] for button in shown.buttons] == ["add", "remove"]
+    layer.lightgroups.add(name="key")
+    assert enabled_passes(layer) == ("Combined", "Combined_key")
+    assert (find_pass("Combined_key").channels, versions.blender_pass_name("Combined_key")) == ("RGB", "Combined_key")
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "SUN"))
+    for panel, owner in (
+        (scene_data.RAYTRACER_OBJECT_PT_light_group, {"object": lamp}),
+        (scene_data.RAYTRACER_WORLD_PT_light_group, {"world": world}),
+    ):
+        (owned,) = owner.values()
+        owned.lightgroup = "rim"
+        drawn = draw(panel, **owner)
+        assert (drawn.names, drawn.buttons[0].name) == (["lightgroup"], "rim")
 
 
 @pytest.mark.parametrize("kind", ["POINT", "SUN", "SPOT", "AREA"])

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from raytracer.arrays.rows import any_column, largest_column, mean_column, sum_columns, take_rows
+from raytracer.arrays.rows import all_columns, any_column, largest_column, mean_column, sum_columns, take_rows
 
 
 @pytest.mark.parametrize("shape", [(0, 3), (1, 3), (50, 1), (50, 3), (50, 4)])
 def test_reductions_are_numpys(rng, shape):
     values = rng.normal(size=shape)
     np.testing.assert_array_equal(any_column(values > 1), (values > 1).any(axis=1))
+    np.testing.assert_array_equal(all_columns(values > -1), (values > -1).all(axis=1))
     np.testing.assert_array_equal(sum_columns(values), values.sum(axis=1))
     np.testing.assert_array_equal(mean_column(values), values.mean(axis=1))
     np.testing.assert_array_equal(largest_column(values), values.max(axis=1))

@@ -307,8 +307,9 @@ def test_only_trees_of_what_moved_are_built_again(rng, monkeypatch, moved, turne
     names = {("instance", 0), ("instance", 1), ("instance", 2), ("rest", 0), ("instances", 0), ("parts", 0)}
     assert {name for name in last.trees if name[0] != "mesh"} == names
     sources = []
-    grow = tree_table.grow_tree
-    monkeypatch.setattr(tree_table, "grow_tree", lambda source: sources.append(source) or grow(source))
+    for name in ("grow_tree", "grow_box_tree"):
+        grow = getattr(tree_table, name)
+        monkeypatch.setattr(tree_table, name, lambda source, grow=grow: sources.append(source) or grow(source))
     reused = hierarchy.build_hierarchy(after.primitives, last)
     assert reused.frame is last.frame
     assert {name for name, tree in reused.trees.items() if tree.source in sources} == grown | {("parts", 0)}

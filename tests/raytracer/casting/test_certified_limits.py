@@ -12,7 +12,7 @@ import pytest
 import raytracer
 from raytracer.casting.bvh import hierarchy, tree
 from raytracer.casting.geometry import pack_geometry
-from raytracer.casting.measure import TURNS, gather_lines
+from raytracer.casting.measure import TURNS, gather_lines, lie_out_of_range
 from raytracer.casting.primitives import instance_bounds
 from raytracer.casting.query import Query
 from raytracer.casting.rays import make_rays
@@ -252,3 +252,54 @@ def test_rays_that_start_in_an_axis_plane_need_no_integers(rng, axis):
     judge(caster, origins, directions, t_min=1e-300)
     # A plane that is off by the least there is: t = 0 is not certain, and not the answer.
     judge(caster, np.nextafter(origins, np.inf), directions)
+
+
+def test_rays_that_end_just_before_a_triangle_need_no_integers(rng):
+    """Shadow rays to emissive geometry: their range ends within a few last places of it, on either side."""
+    corners, triangle = rng.normal((7.0, -3.0, 5.0), 1.0, size=(20, 3, 3)), np.repeat(np.arange(20), 40)
+    targets = np.einsum("nk,nki->ni", rng.dirichlet(np.ones(3), size=len(triangle)), corners[triangle])
+    origins = rng.normal(size=(len(triangle), 3))
+    query, beyond, off = end_around(rng, corners, triangle, origins, targets - origins, 6)
+    query.offer(np.arange(len(triangle)), triangle)
+    left = query._remaining().ray
+    assert len(left) > 100
+    out = lie_out_of_range(query.primitives, query.rays, query.t_min, np.arange(len(triangle)), triangle)
+    assert not (out & ~beyond).any()
+    assert out[beyond & (off > 1)].all()
+    query.found_any()
+    assert query.exact_count <= len(left) - out[left].sum()
+
+
+def test_what_pairs_cannot_tell_from_the_range_is_not_left_out(rng):
+    """Rays in a triangle's plane but for the rounding of their directions: t is off by several last places."""
+    corners, triangle = rng.normal((7.0, -3.0, 5.0), 1.0, size=(50, 3, 3)), np.repeat(np.arange(50), 40)
+    sides = corners[:, 1:] - corners[:, :1]
+    directions = np.einsum("nk,nki->ni", rng.normal(size=(len(triangle), 2)), sides[triangle])
+    origins = rng.normal(size=(len(triangle), 3))
+    query, beyond, _ = end_around(rng, corners, triangle, origins, directions, 16)
+    out = lie_out_of_range(query.primitives, query.rays, query.t_min, np.arange(len(triangle)), triangle)
+    assert out.any()
+    assert not (out & ~beyond).any()
+
+
+def end_around(rng, corners, triangle, origins, directions, widest):
+    """A query whose rays end within 2^widest last places of t of a triangle's plane, whether t is beyond, and by how
+    many."""
+    exact = [exact_distance(*ray, corners[t]) for *ray, t in zip(origins, directions, triangle, strict=True)]
+    rounded = np.abs(np.array([float(t) for t in exact]))
+    directions = np.where(np.array([t < 0 for t in exact])[:, np.newaxis], -directions, directions)
+    places = rng.choice([-1, 1], len(exact)) * np.floor(2.0 ** rng.uniform(-1, widest, len(exact)))
+    t_max = rounded + places * np.spacing(rounded)
+    caster = build_with("bvh", mesh_scene((corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3))))
+    query = Query(caster.primitives, make_rays(origins, directions, t_max=t_max), any_hit=True)
+    beyond = np.array([abs(t) > Fraction(end) for t, end in zip(exact, t_max, strict=True)])
+    return query, beyond, np.abs(rounded - t_max) / np.spacing(rounded)
+
+
+def exact_distance(origin, direction, corners):
+    """t of a triangle's plane, as a fraction."""
+    origin, direction, a, b, c = map(as_fractions, (origin, direction, *corners))
+    sides = [[x - y for x, y in zip(corner, a, strict=True)] for corner in (b, c)]
+    normal = exact_cross(*sides)
+    above = sum(n * (x - y) for n, x, y in zip(normal, a, origin, strict=True))
+    return above / sum(n * x for n, x in zip(normal, direction, strict=True))

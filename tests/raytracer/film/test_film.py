@@ -82,7 +82,7 @@ def test_reading_the_film_leaves_it_alone():
 def test_select_passes_divides_the_table():
     centre, mean = select_passes(PASSES, from_centre=True), select_passes(PASSES, from_centre=False)
     assert set(centre) == {"Depth", "Position", "Vector", "Object Index", "Material Index"}
-    assert set(centre) | set(mean) == set(PASSES) - {"Error", "Sample Count"}
+    assert set(centre) | set(mean) == set(PASSES) - {"Error", "Sample Count", "Shadow Catcher"}
 
 
 def test_what_is_too_large_for_a_picture_is_its_largest_number():

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.film.film import divide_by_color
 from raytracer.film.passes import LIGHT_PARTS, PASSES, light_pass, select_passes
+from raytracer.film.shown import divide_by_color
 from tests.forbidding import forbid
 from tests.raytracer.integrator.test_negative_light import SOURCES
 

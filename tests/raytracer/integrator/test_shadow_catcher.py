@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.film.film import show_shadows
+from raytracer.film.shown import show_shadows
 from raytracer.integrator.integrator import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.rendering.render import render
@@ -214,3 +214,42 @@ def test_where_catchers_are_dark_anyway_nothing_is_shown():
     caught[:, 6] = 1
     caught[1, :6] = (4, 4, 4, 1, 1, 1)
     assert not show_shadows(combined, caught).any()
+
+
+def test_shadow_catcher_pass_is_the_factor_of_the_footage_and_combined_leaves_it_to_that():
+    lights = [raytracer.SunLight((0, 0, 1), (1, 0, 0)), raytracer.SunLight((1, 0, 1), (0, 1, 1))]
+    scene = make_scene([GROUND, ROOF], [True, False], lights)
+    for transparent in (True, False):
+        film = render(scene, 8, 1, 1, transparent=transparent, filter_width=0.0, passes=("Combined", "Shadow Catcher"))
+        factor = film["Shadow Catcher"][0]
+        np.testing.assert_allclose(factor[LEFT], 0.0, atol=1e-6)
+        np.testing.assert_allclose(factor[MIDDLE], [(0, 1, 1)] * 2, rtol=1e-6)
+        np.testing.assert_allclose(factor[RIGHT], 1.0, rtol=1e-6)
+        assert not film["Combined"].any()
+    plain = render(make_scene([GROUND], [False]), 4, 2, 1, passes=("Shadow Catcher",))
+    assert (plain["Shadow Catcher"] == 1).all()
+
+
+def test_shadow_catcher_pass_alone_is_the_same_and_goes_on_with_films(tmp_path):
+    scene = make_scene([GROUND, ROOF], [True, False], [OVERHEAD, SLANTED], raytracer.World(0.5))
+    names = ("Combined", "Shadow Catcher")
+    whole = render(scene, 8, 6, 8, passes=names)
+    alone = render(scene, 8, 6, 8, passes=names[1:])
+    raytracer.save_film(render(scene, 8, 6, 4, passes=names), tmp_path / "film.npz")
+    continued = render(scene, 8, 6, 8, passes=names, film=raytracer.load_film(tmp_path / "film.npz"))
+    for film in (alone, continued):
+        np.testing.assert_array_equal(film["Shadow Catcher"], whole["Shadow Catcher"])
+
+
+def test_light_that_comes_by_catchers_is_in_no_other_pass_of_light():
+    """It belongs to the footage: nothing of the ground's, all of the roof's light."""
+    groups = raytracer.LightGroups(("lamps",), [0], [0, 0])
+    names = ("Combined", "Combined_lamps", "Diffuse Direct")
+    for catches in (True, False):
+        scene = make_scene([GROUND], [catches], light_groups=raytracer.LightGroups(("lamps",), [0], [0]))
+        film = render(scene, 8, 1, 1, transparent=True, filter_width=0.0, passes=names)
+        assert all(film[name].any() != catches for name in names[1:])
+    seen = make_scene([GROUND, quad(-9, 9, 0.5)], [True, False], light_groups=groups)
+    film = render(seen, 8, 1, 1, transparent=True, filter_width=0.0, passes=names)
+    np.testing.assert_array_equal(film["Combined_lamps"], film["Combined"][..., :3])
+    assert film["Diffuse Direct"].all()

@@ -103,7 +103,9 @@ def test_blocks_of_rays_are_cast_where_they_lie(client: Any) -> None:
     rng = np.random.default_rng(0)
     origins, directions = rng.normal(size=(1000, 3)) + np.array([0, 0, 3]), rng.normal(size=(1000, 3))
     caster = raytracer.build(make_lit_scene())
+    expected = caster.closest_hit(origins, directions).distance
     blocks = (dask.array.from_array(rays, chunks=(300, 2)) for rays in (origins, directions))
     distances = raytracer.cast_blocks(caster, *blocks)
     assert distances.shape == (1000,)
-    np.testing.assert_array_equal(client.compute(distances).result(), caster.closest_hit(origins, directions).distance)
+    for cast in (distances, raytracer.cast_blocks(caster, origins, directions)):
+        np.testing.assert_array_equal(client.compute(cast).result(), expected)
