@@ -139,6 +139,17 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
         min=1,
         soft_max=1024,
     )
+    use_denoising: BoolProperty(  # type: ignore[valid-type]
+        name="Denoise",
+        description="Take the noise out of the finished render by OpenImageDenoise: a picture to look at, no "
+        "reference. Noisy detail is guessed; Error and the other passes stay those of the samples",
+        default=False,
+    )
+    use_viewport_denoising: BoolProperty(  # type: ignore[valid-type]
+        name="Viewport Denoise",
+        description="Take the noise out of the viewport's picture by OpenImageDenoise, once it has all its samples",
+        default=False,
+    )
     integrator: EnumProperty(  # type: ignore[valid-type]
         name="Integrator",
         description="How light is transported through the scene",

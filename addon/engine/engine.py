@@ -28,6 +28,7 @@ from ..viewport import viewport
 from ..viewport.viewport import Viewport
 from . import animation, checkpoints, orders, statistics, worker_pool
 from .animation import Frames
+from .finishing import finish_picture
 from .first_look import show_first_look
 from .light_groups import give_groups
 from .mattes import describe_mattes, give_identities, name_things
@@ -129,9 +130,12 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         world = find_world(scene, view_layer)
         traced = give_groups(traced, extraction, world, enabled_passes(view_layer))
         film = make_film(engine, traced, depsgraph, border, progress, kept)
+        is_denoised = False
         if (film.width, film.height) == (border.width, border.height):  # a tile is no picture
             output.write(film.passes)
             output.note(describe_mattes(view_layer.name, things))
+            is_denoised, reasons = finish_picture(engine, scene, film, output, progress.show_stage)
+            warnings = (*warnings, *reasons)
     if engine.is_preview:
         return
     for warning in warnings:
@@ -155,6 +159,7 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         error_interval=error.interval,
         error_p99=error.error_p99,
         error_note=error.note,
+        denoised=is_denoised,
     )
     statistics.record_view_layer(depsgraph.scene, taken, first=engine.layers_done == 0)
 
