@@ -254,3 +254,13 @@ def set_high_range(denoise: Any) -> None:
         denoise.use_hdr = True
     else:
         denoise.inputs["HDR"].default_value = True
+
+
+def split_bake_primitives(values: NDArray[np.float32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """Return the triangle (n,) of each pixel of a bake, -1 of none, and the weights (n, 2) of its corners 0 and 1.
+
+    values : (n, 4) up to 4.x, a seed, the triangle, the weights; (n, 3) in 5.x, the weights, the triangle. The triangle
+        is a whole number in the bits of a float
+    """
+    triangle, first = (1, 2) if values.shape[1] == 4 else (2, 0)
+    return values.view(np.int32)[:, triangle].copy(), values[:, first : first + 2].copy()

@@ -240,7 +240,7 @@ def show_progress(label: str) -> Iterator[None]:
 
     A Ctrl-C that was raised where nothing hands it on (Python's own callbacks) ends the render here.
     """
-    from ..engine.engine import progress_listeners
+    from ..engine.progress import progress_listeners
 
     with contextlib.ExitStack() as stack:
         bar = make_bar(label)

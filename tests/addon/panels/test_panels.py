@@ -16,7 +16,7 @@ from addon import handlers, inspector, panels, properties, versions
 from addon.compare import window
 from addon.engine import statistics
 from addon.extract.warnings import Warning
-from addon.panels import built_in, last_render, presets, render, resume, scene_data, view_layer
+from addon.panels import bake, built_in, last_render, presets, render, resume, scene_data, view_layer
 from addon.passes import MATTE_OPTIONS, PASSES, enable_passes, enabled_passes, find_pass, list_options
 from addon.properties import ENGINE
 from raytracer.film import passes
@@ -139,7 +139,8 @@ def test_every_setting_is_drawn_once_and_explained(empty_scene: Any, registered:
     chosen = [panel for panel in render.CLASSES if panel is not render.RAYTRACER_RENDER_PT_simplify]
     assert "Workers: " in " ".join(draw(render.RAYTRACER_RENDER_PT_performance).texts)
     empty_scene.reference_raytracer.workers_mode = "FIXED"
-    drawn = [name for panel in chosen for name in draw(panel).names]
+    drawn = [name for panel in chosen for name in draw(panel).names] + ["bake_type"]
+    assert "bake_type" in draw(bake.RAYTRACER_RENDER_PT_bake).names
     own = [
         item
         for item in empty_scene.reference_raytracer.bl_rna.properties
