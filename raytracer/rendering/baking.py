@@ -159,7 +159,7 @@ def _run(
         pool.load(PointTracer, *arguments, is_dropped)
         yield from pool.run(blocks, is_cancelled)
         return
-    tracer = PointTracer(*arguments, is_cancelled)
+    tracer: Callable[[Block], BlockValues] = PointTracer(*(*arguments, is_cancelled))
     for block in blocks:
         try:
             values = tracer(block)
