@@ -35,6 +35,7 @@ from .light_groups import give_groups
 from .mattes import describe_mattes, give_identities, name_things
 from .output import Border, RenderOutput, read_border
 from .progress import Progress
+from .stereo import find_unsupported, list_views, look_from_view
 
 # Light paths per pixel of Blender's previews of materials, worlds and lights.
 PREVIEW_SAMPLES = 8
@@ -65,9 +66,12 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
         """Render one view layer into Blender's render result (Blender's callback)."""
         if self.failed or self.test_break():
             return
-        with self._reporting(), interrupts.release():
-            render_view_layer(self, depsgraph)
-        self.layers_done += 1
+        for view in list_views(depsgraph.scene_eval):
+            with self._reporting(), interrupts.release():
+                render_view_layer(self, depsgraph, view)
+            self.layers_done += 1
+            if self.failed or self.test_break():
+                return
 
     def bake(self, depsgraph: Any, object: Any, pass_type: str, pass_filter: int, width: int, height: int) -> None:
         """Bake what an object shows into a texture (Blender's callback)."""
@@ -121,19 +125,20 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
         self.report({"ERROR"}, f"{self.bl_label}: {' '.join(reason.split())}")
 
 
-def render_view_layer(engine: Any, depsgraph: Any) -> None:
-    """Read, build, trace and write the view layer of `depsgraph`; report warnings, record what it took."""
+def render_view_layer(engine: Any, depsgraph: Any, view: str = "") -> None:
+    """Read, build, trace and write the view layer of `depsgraph`, or one of its stereo views; report warnings, record
+    what it took."""
     started = time.perf_counter()
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     border = read_border(scene.render, engine.resolution_x, engine.resolution_y)
-    with RenderOutput(engine, view_layer.name, border) as output:
-        progress = Progress(engine, output, count_view_layers(scene))
+    with RenderOutput(engine, view_layer.name, border, view) as output:
+        progress = Progress(engine, output, count_pictures(scene))
         progress.show_stage("Reading the scene")
         kept = animation.find_frames(engine, depsgraph)
         extraction = read_scene(depsgraph, kept)
         warnings = (*extraction.warnings, *find_ignored_settings(scene))
         things = name_things(extraction, enabled_passes(view_layer))
-        traced = give_identities(extraction.scene, things)
+        traced = look_from_view(engine, view, scene, give_identities(extraction.scene, things))
         world = find_world(scene, view_layer)
         traced = give_groups(traced, extraction, world, enabled_passes(view_layer))
         film = make_film(engine, traced, depsgraph, border, progress, kept)
@@ -187,8 +192,11 @@ def make_film(
     order = orders.find_order()
     if order is None or engine.is_preview:
         return make_checked_film(engine, scene, depsgraph, border, progress, kept)
-    if count_view_layers(depsgraph.scene_eval) > 1:
-        raise SceneError("films and scene files are of one view layer: expected Use for Rendering to be on in one")
+    if count_pictures(depsgraph.scene_eval) > 1:
+        raise SceneError(
+            "films and scene files are of one view layer without stereoscopy: "
+            "expected Use for Rendering to be on in one"
+        )
     if isinstance(order, orders.ShowFilm):
         return order.film
     try:
@@ -208,14 +216,19 @@ def make_checked_film(
     if not checkpoints.is_wanted(engine, depsgraph.scene):
         return trace(engine, scene, depsgraph, border, progress, kept, raytracer.render)
     try:
-        order = checkpoints.make_order(engine, depsgraph.scene, depsgraph.view_layer.name)
+        order = checkpoints.make_order(
+            engine, depsgraph.scene, depsgraph.view_layer.name, find_view(engine, depsgraph.scene)
+        )
         film = trace(engine, scene, depsgraph, border, progress, kept, order.render)
     except ValueError as error:  # a checkpoint that is broken, or of another picture
         raise SceneError(str(error)) from error
     except OSError as error:
         raise SceneError(f"Checkpoints: {error.filename}: {error.strerror}") from error
-    is_last = engine.layers_done + 1 >= count_view_layers(depsgraph.scene_eval)
-    if not film.cancelled and (is_last or depsgraph.scene.render.use_single_layer):
+    views = list_views(depsgraph.scene)
+    done, total = engine.layers_done + 1, count_pictures(depsgraph.scene_eval)
+    if depsgraph.scene.render.use_single_layer:
+        total = len(views)
+    if not film.cancelled and done >= total:
         checkpoints.remove_files(depsgraph.scene)
     return film
 
@@ -263,18 +276,20 @@ def trace(
     return film
 
 
-def count_view_layers(scene: Any) -> int:
-    """Return how many view layers a frame of `scene` has."""
-    return sum(view_layer.use for view_layer in scene.view_layers)
+def count_pictures(scene: Any) -> int:
+    """Return how many view layers a frame of `scene` has, each of their stereo views counted."""
+    return sum(view_layer.use for view_layer in scene.view_layers) * len(list_views(scene))
+
+
+def find_view(engine: Any, scene: Any) -> str:
+    """Return the stereo view that is being rendered; '' without stereoscopy."""
+    return engine.active_view_get() if scene.render.use_multiview else ""
 
 
 def find_ignored_settings(scene: Any) -> list[Warning]:
     """Return one warning for each setting of `Scene.render` that the picture does not follow."""
-    ignored = (
-        (scene.render.use_multiview, "Stereoscopy is not supported: every view shows the same picture"),
-        (scene.render.use_motion_blur, "Motion blur is not supported: the picture shows one moment"),
-    )
-    return [Warning(text) for is_used, text in ignored if is_used]
+    ignored = ((scene.render.use_motion_blur, "Motion blur is not supported: the picture shows one moment"),)
+    return [*(Warning(text) for is_used, text in ignored if is_used), *find_unsupported(scene)]
 
 
 def register() -> None:

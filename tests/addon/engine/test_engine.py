@@ -173,16 +173,6 @@ def test_two_scenes_of_one_session_stay_apart(stage: Any, tmp_path: Path) -> Non
     assert last_render(other).triangles == 2
 
 
-def test_stereoscopy_shows_the_same_picture_and_a_warning(stage: Any, tmp_path: Path) -> None:
-    stage.render.use_multiview = True
-    stage.render.image_settings.views_format = "INDIVIDUAL"
-    stage.render.filepath = str(tmp_path / "a.png")
-    bpy.ops.render.render(write_still=True)
-    assert any("Stereoscopy" in warning.text for warning in last_render(stage).warnings)
-    left, right = ((tmp_path / f"a_{view}.png").read_bytes() for view in "LR")
-    assert left == right
-
-
 def test_statistics_tell_what_the_render_took(stage: Any, tmp_path: Path) -> None:
     render_pass(stage, tmp_path / "a.exr")
     statistics = last_render(stage)
