@@ -56,7 +56,7 @@ class RAYTRACER_RENDER_PT_denoise(RenderPanel, bpy.types.Panel):
         choices.prop(settings, "use_viewport_denoising", text="Viewport")
         choices.prop(settings, "use_denoising", text="Render")
         if not choices.enabled:
-            for index, line in enumerate(wrap_text(f"Not to be had: {NO_DENOISER}", count_letters(context))):
+            for index, line in enumerate(wrap_text(f"Not available: {NO_DENOISER}", count_letters(context))):
                 column.label(text=line, icon="BLANK1" if index else "INFO")
 
 

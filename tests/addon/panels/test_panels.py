@@ -256,7 +256,8 @@ def test_light_groups_are_listed_and_given_to_objects_and_the_world(empty_scene:
 def test_light_panel_draws_every_kind_of_light(empty_scene: Any, registered: None, kind: str) -> None:
     light = bpy.data.lights.new("Light", kind)
     names = draw(scene_data.RAYTRACER_LIGHT_PT_tracing, light=light).names
-    assert names == ["use_shadow", "spread"] if kind == "AREA" else ["use_shadow"]
+    expected = ["use_shadow", "spread"] if kind == "AREA" else ["use_shadow"]
+    assert names == [*expected, *(["max_bounces"] if hasattr(light, "cycles") else [])]
 
 
 def test_world_and_light_panels_draw_their_nodes(empty_scene: Any, registered: None) -> None:
@@ -274,6 +275,7 @@ def test_world_and_light_panels_draw_their_nodes(empty_scene: Any, registered: N
         assert draw(panel, **{name: owner}).texts == ["No output node"]
     names = draw(scene_data.RAYTRACER_WORLD_PT_ray_visibility, world=world).names
     assert names == ["camera", "diffuse", "glossy", "transmission"]
+    assert draw(scene_data.RAYTRACER_WORLD_PT_settings, world=world).names == ["max_bounces"]
 
 
 def record_statistics(scene: Any, **changes: Any) -> statistics.Statistics:
