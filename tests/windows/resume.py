@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import stage
 
 WAIT_SECONDS = 240.0
-SIZE = (240, 150)
-SAMPLES, VIEWPORT_SAMPLES = 32, 2
+SIZE = (160, 100)
+SAMPLES, VIEWPORT_SAMPLES = 24, 1
 WORKERS = 2
 
 stage.register_addon()
