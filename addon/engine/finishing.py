@@ -11,6 +11,8 @@ from ..denoising.process import DenoiseCancelledError, DenoiseError, denoise
 from ..extract.warnings import Warning
 from .output import RenderOutput
 
+# The passes, where a view layer asks for them, by which edges of things are told from noise: by the node's inputs.
+GUIDES = {"Albedo": "Denoising Albedo", "Normal": "Denoising Normal"}
 # What the metadata of a denoised picture says.
 NOTE_DENOISED = (("Denoised", "OpenImageDenoise"),)
 
@@ -26,7 +28,8 @@ def finish_picture(
         return False, ()
     on_stage("Denoising")
     try:
-        denoised = denoise(film["Combined"], {}, engine.test_break)
+        guides = {place: film[name] for place, name in GUIDES.items() if set(GUIDES.values()) <= set(film.names)}
+        denoised = denoise(film["Combined"], guides, engine.test_break)
     except DenoiseCancelledError:
         return False, ()
     except DenoiseError as error:

@@ -17,8 +17,10 @@ import numpy as np
 import pytest
 
 from addon.denoising import process
+from addon.engine import finishing
 from addon.engine.statistics import last_render
 from addon.extract.warnings import Warning
+from addon.passes import enable_passes
 from addon.versions import has_denoiser, set_image_format
 from addon.viewport.finishing import Finishing
 from raytracer.rendering.progressive import Picture
@@ -151,6 +153,25 @@ def test_render_denoises_says_so_and_leaves_nothing_behind(noisy_scene: Any, tmp
     assert (taken.denoised, taken.warnings) == (True, ())
     assert b"Denoised" in (tmp_path / "quiet.exr").read_bytes()
     assert b"Denoised" not in (tmp_path / "noisy.exr").read_bytes()
+
+
+@with_denoiser
+def test_denoising_passes_guide_where_they_are_asked_for(
+    noisy_scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[set[str]] = []
+
+    def note(pixels: np.ndarray, guides: dict[str, np.ndarray], is_cancelled: Any) -> np.ndarray:
+        given.append(set(guides))
+        return process.denoise(pixels, guides, is_cancelled)
+
+    monkeypatch.setattr(finishing, "denoise", note)
+    noisy_scene.reference_raytracer.use_denoising = True
+    plain = render_noise(noisy_scene, tmp_path / "plain.exr")
+    enable_passes(noisy_scene.view_layers[0], ("Denoising Albedo", "Denoising Normal", "Denoising Depth"))
+    guided = render_noise(noisy_scene, tmp_path / "guided.exr")
+    assert given == [set(), {"Albedo", "Normal"}]
+    assert not np.array_equal(plain, guided)
 
 
 def test_render_warns_where_it_cannot_denoise(
