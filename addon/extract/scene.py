@@ -51,6 +51,7 @@ def extract_scene(
     geometry_only: bool = False,
     space: Any = None,
     kept: Kept | None = None,
+    needs_camera: bool = True,
 ) -> Extraction:
     """Return all that a depsgraph shows, in the depsgraph's own mode (render or viewport).
 
@@ -65,6 +66,7 @@ def extract_scene(
 
     kept : what the last extraction of this view layer in this mode left, with the `changes` since; afterwards what this
         one leaves. The result is the same without
+    needs_camera : False for a scene without one, too
 
     Raises
     ------
@@ -72,16 +74,18 @@ def extract_scene(
         If the scene has no usable camera and one is needed.
     """
     with read_layer_of(depsgraph):
-        return _extract_scene(depsgraph, passes, geometry_only, space, kept)
+        return _extract_scene(depsgraph, passes, geometry_only, space, kept, needs_camera)
 
 
 def _extract_scene(
-    depsgraph: Any, passes: Sequence[str], geometry_only: bool, space: Any, kept: Kept | None
+    depsgraph: Any, passes: Sequence[str], geometry_only: bool, space: Any, kept: Kept | None, needs_camera: bool
 ) -> Extraction:
     """Return what `extract_scene` does, while the view layer's properties can be found."""
     warnings = WarningList()
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
-    camera = None if geometry_only or space else extract_camera(scene, warnings)
+    camera = None
+    if not (geometry_only or space) and (needs_camera or scene.camera is not None):
+        camera = extract_camera(scene, warnings)
     last = kept or Kept()
     materials = None if geometry_only else MaterialTable(warnings, last, scene.frame_current, list_aovs(passes))
     meshes = MeshTable("UV" in passes, warnings, last)

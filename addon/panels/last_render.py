@@ -53,6 +53,8 @@ def describe_statistics(statistics: Statistics) -> Iterator[tuple[str, str]]:
     yield "Resolution", f"{statistics.width} x {statistics.height}"
     yield "Samples", f"{statistics.samples}{' (stopped)' if statistics.cancelled else ENDINGS[statistics.ended_by]}"
     yield from describe_error(statistics)
+    if statistics.denoised:
+        yield "Denoised", "by OpenImageDenoise; the error is from before"
     yield "Triangles", f"{statistics.triangles:,}"
     yield "Rays", f"{statistics.rays:,}"
     yield "Speed", f"{statistics.rays_per_second / 1e6:.2f} million rays/s"
