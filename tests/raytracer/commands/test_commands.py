@@ -13,7 +13,7 @@ import pytest
 
 import raytracer
 from raytracer.commands.command_line import main
-from raytracer.film.error import format_error
+from raytracer.film.error import format_error, format_interval
 from tests.folders import ROOT
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
 
@@ -183,7 +183,8 @@ def test_a_render_ends_at_an_error_wherever_it_was_stopped_before(tmp_path: Path
     assert same(film, expect(64, error=bound))
     capsys.readouterr()
     assert main(["info", str(output)]) == 0
-    assert f"error: {format_error(film.error)}" in capsys.readouterr().out
+    told = f"error: {format_error(film.error)} ({format_interval(film.error_interval)})"
+    assert told in capsys.readouterr().out
     assert main([*options[:-1], "0.0001%"]) == 0
     assert raytracer.load_film(output).samples == 64
 
