@@ -23,7 +23,7 @@ from raytracer.integrator.integrator import catches_shadows
 from raytracer.integrator.settings import FREE_SETTINGS, Settings, check_integer
 from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers
-from raytracer.rendering.adaptive import AdaptivePlan, add_listed
+from raytracer.rendering.adaptive import AdaptivePlan, add_listed, check_counts
 from raytracer.rendering.allocation import measure_pilot
 from raytracer.rendering.blocks import (
     SWEEP_GROWTH,
@@ -135,7 +135,12 @@ def prepare_film(
         settings = replace(settings, interleaving=film.interleaving)
     window = make_window(scene, width, height, settings)
     new = begin_film(scene, window, settings)
-    return continue_film(film, new) if film else new, window
+    if film is None:
+        return new, window
+    film = continue_film(film, new)
+    if film.pilot:
+        check_counts(film, window, settings.seed)
+    return film, window
 
 
 def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import raytracer
 from raytracer.film.film import PILOT, Film
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
@@ -78,6 +79,36 @@ def test_an_adaptive_film_goes_on_where_it_stopped(stops):
     film, whole = see(film=film), see()
     for name, array in whole.arrays.items():
         assert np.array_equal(film.arrays[name], array), name
+
+
+def see_tiles(**keywords):
+    return [see(tile=(number, 3), **keywords) for number in (1, 2, 3)]
+
+
+def test_tiles_that_are_merged_in_their_pilot_go_on_as_the_whole():
+    """Up to the last sweep of the pilot, all samples are even: bit for bit."""
+    for until in (7, 16):
+        film = see(film=raytracer.merge(see_tiles(until=until)))
+        assert np.array_equal(film["Combined"], see()["Combined"]), until
+
+
+def test_merged_adaptive_tiles_are_their_pixels_and_cannot_go_on(tmp_path):
+    """Each tile has spread its own samples: 64 of them are shown, 17 are refused with one sentence."""
+    tiles = see_tiles()
+    film = raytracer.merge(tiles)
+    assert np.array_equal(film["Combined"], np.concatenate([tile["Combined"] for tile in tiles[::-1]]))
+    early = raytracer.merge(see_tiles(until=17))
+    raytracer.save_film(early, tmp_path / "early.npz")
+    for merged in (early, raytracer.load_film(tmp_path / "early.npz")):
+        with pytest.raises(ValueError, match=r"(film|early.npz) cannot go on: .* adaptive tiles that were merged"):
+            see(film=merged)
+
+
+def test_tiles_of_adaptive_pictures_are_the_same_for_any_workers_and_blocks():
+    expected = raytracer.merge(see_tiles())
+    with Workers(2) as workers:
+        for keywords in ({"block_size": 77}, {"workers": workers, "block_size": 500}):
+            assert np.array_equal(raytracer.merge(see_tiles(**keywords))["Combined"], expected["Combined"])
 
 
 def test_samples_of_a_replication_follow_the_pilot_of_the_other_alone():
