@@ -16,7 +16,7 @@ import numpy as np
 from raytracer.arrays.types import Floats, Indices, Words
 from raytracer.film.film import COUNTS, PILOT, Film
 from raytracer.integrator.settings import Settings
-from raytracer.rendering.allocation import allocate, describe_pilot
+from raytracer.rendering.allocation import allocate, measure_scatter
 from raytracer.rendering.blocks import Block, BlockPlan, BlockResult, FrameWindow, ListedBlock, number_pixels
 from raytracer.rendering.ending import EndedBy, Ending
 from raytracer.sampling.dimensions import ALLOCATION_DIMENSION
@@ -67,7 +67,7 @@ class AdaptivePlan(BlockPlan):
 def decide_density(film: Film) -> Floats:
     """Return (pixels, 2) samples of each pixel over the average, of both replications, by the pilot in the film."""
     sums, count, shape = film.arrays[PILOT], film.pilot // REPLICATIONS, (film.height, film.width)
-    first, second = (describe_pilot(sums[:, columns], count) for columns in (slice(0, 3), slice(3, 6)))
+    first, second = (measure_scatter(sums[:, columns], count) for columns in (slice(0, 3), slice(3, 6)))
     return np.stack([allocate(second, shape, film.pilot), allocate(first, shape, film.pilot)], axis=1)
 
 

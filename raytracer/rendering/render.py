@@ -24,7 +24,7 @@ from raytracer.integrator.settings import FREE_SETTINGS, Settings, check_integer
 from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers
 from raytracer.rendering.adaptive import AdaptivePlan, add_listed, check_counts
-from raytracer.rendering.allocation import measure_pilot
+from raytracer.rendering.allocation import choose_pilot
 from raytracer.rendering.blocks import (
     SWEEP_GROWTH,
     Block,
@@ -161,7 +161,7 @@ def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
         catches=catches_shadows(derive_features(scene), settings),
         interleaving=window.interleaving,
         exposure=settings.exposure,
-        pilot=measure_pilot(sweeps) if is_adaptive else 0,
+        pilot=choose_pilot(sweeps) if is_adaptive else 0,
         total=sweeps,
         left=window.x_min,
         bottom=window.y_min,
