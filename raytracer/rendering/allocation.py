@@ -17,13 +17,11 @@ not forgotten.
 Where noise comes from rare bright paths, the pixels that have met one say nothing of those that will. Whether a pilot
 can tell is told by itself: each pixel's w, what it would get by its neighbors' v and c without its own, beside its own
 v. The sum of v / (1 - s + s w) is without bias, over pilots, what the noise will be; the share s is the one of a few
-for which that is least, and 0, all even, where not even LEAST_GAIN is promised, or where few pixels promise it and so
-may be there by chance.
+for which that is least, and 0, all even, where not even LEAST_GAIN is promised.
 
 References
 ----------
 J. Neyman, "On the Two Different Aspects of the Representative Method", 1934: stratified sampling at least variance.
-L. Kish, "Survey Sampling", 1965: the number of samples that a weighed mean rests on.
 M. Stone, "Cross-Validatory Choice and Assessment of Statistical Predictions", 1974: without the pixel itself.
 D. Kirk, J. Arvo, "Unbiased Sampling Techniques for Image Synthesis", SIGGRAPH 1991: the bias, and pilots.
 """
@@ -47,9 +45,6 @@ LARGEST_DENSITY = 1000.0
 # samples lose some of what makes Sobol's even ones good (a tenth where mirrors face each other).
 PARTS_OF_SHARE = np.array([0.25, 0.5, 0.75, 1.0])
 LEAST_GAIN = 1.15
-# Standard errors that the variance saved must be above 0: of k pixels that save the same, each by one bright path, it
-# is sqrt(k) of them.
-CERTAINTY = 2.0
 
 
 @dataclass(frozen=True)
@@ -57,12 +52,10 @@ class Scatter:
     """What one replication's pilot knows of n pixels.
 
     variance : (n,) of one sample; cost : (n,) mean number of casts along its path
-    support : (n,) how many samples a pixel's light rests on, (sum x)^2 / sum x^2 (Kish): 1 where one bright path is all
     """
 
     variance: Numbers
     cost: Numbers
-    support: Numbers
 
 
 def choose_pilot(samples: int) -> int:
@@ -86,8 +79,7 @@ def measure_scatter(sums: Floats, count: int) -> Scatter:
     value, square, length = sums.T
     with np.errstate(invalid="ignore", over="ignore"):  # of what is infinite nothing is known
         variance = np.maximum(square - value * value / count, 0.0) / (count - 1)
-        support = np.divide(value * value, square, out=np.ones_like(value), where=square > 0)
-    return Scatter(variance, np.maximum(length / count, 1.0), np.maximum(support, 1.0))
+    return Scatter(variance, np.maximum(length / count, 1.0))
 
 
 def allocate(scatter: Scatter, shape: tuple[int, int], pilot: int) -> Numbers:
@@ -108,7 +100,7 @@ def allocate(scatter: Scatter, shape: tuple[int, int], pilot: int) -> Numbers:
         foretold = weigh_cost(
             leave_out(variance, scatter.variance, own), leave_out(cost, scatter.cost, own, least=1.0), scatter
         )
-    share = choose_share(scatter, foretold, 1.0 - 2.0 / np.sqrt(pilot))
+    share = choose_share(scatter.variance, foretold, 1.0 - 2.0 / np.sqrt(pilot))
     return np.minimum(1.0 - share + share * wanted, LARGEST_DENSITY) if share else np.ones(len(wanted))
 
 
@@ -128,28 +120,22 @@ def leave_out(shared: Floats, values: Numbers, own: Floats, least: float = 0.0) 
     return np.maximum(np.divide(others, 1.0 - own, out=np.full_like(others, least), where=own < 1.0), least)
 
 
-def choose_share(scatter: Scatter, foretold: Numbers, largest: float) -> float:
+def choose_share(variance: Numbers, foretold: Numbers, largest: float) -> float:
     """Return the share s, up to the largest, for which the sum of v / (1 - s + s w) is least; 0 where little is gained.
 
-    The variance of a pixel whose light rests on m samples is known to about 1 / sqrt(m) of itself.
-
-    foretold : (n,) w of each pixel without it
+    variance, foretold : (n,) v of each pixel, and w without it
 
     Examples
     --------
-    >>> scatter = Scatter(np.repeat([1.0, 9.0], 50), np.ones(100), np.ones(100))
-    >>> choose_share(scatter, np.repeat([0.5, 1.5], 50), 0.5)  # neighbors tell
+    >>> choose_share(np.array([1.0, 9.0]), np.array([0.5, 1.5]), 0.5)  # neighbors tell
     0.5
-    >>> choose_share(scatter, np.repeat([1.5, 0.5], 50), 0.5)  # they do not
+    >>> choose_share(np.array([1.0, 9.0]), np.array([1.5, 0.5]), 0.5)  # they do not
     0.0
     """
-    variance = scatter.variance
     even = float(variance.sum())
     if not (np.isfinite(even) and np.isfinite(foretold).all()):
         return 0.0
-    best, most, error = 0.0, 0.0, 0.0
-    for share in (largest * PARTS_OF_SHARE).tolist():
-        saved = variance - variance / (1.0 - share + share * foretold)
-        if float(saved.sum()) > most:
-            best, most, error = share, float(saved.sum()), float(np.sqrt((saved * saved / scatter.support).sum()))
-    return best if even > LEAST_GAIN * (even - most) and most > CERTAINTY * error else 0.0
+    shares = largest * PARTS_OF_SHARE
+    sums = [float((variance / (1.0 - share + share * foretold)).sum()) for share in shares]
+    best = int(np.argmin(sums))
+    return float(shares[best]) if even > LEAST_GAIN * sums[best] else 0.0
