@@ -136,7 +136,7 @@ def measure_error(squares: Floats, level: float, width: int, interleaving: int =
     interleaving : side of the squares of pixels that take different points of lights (`lights.shared_points`)
     """
     total = float(squares.sum())
-    if not np.isfinite(total):
+    if not np.isfinite(total + level):
         return PictureError()
     error = relate(total / squares.size, level)
     if total == 0 or error == np.inf:

@@ -197,9 +197,13 @@ def _check_limit(value: Any, field: str) -> float | None:
     """Return a number above 0, or None for no limit."""
     if value is None:
         return None
-    number = _check_number(value, field)
-    if number == 0:
-        raise ValueError(f"{field}: expected a number above 0, or None for no limit, got 0")
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = 0.0
+    if not 0.0 < number < float("inf"):
+        example = ", such as 0.01 for 1%" if field.endswith("error") else ""
+        raise ValueError(f"{field}: expected a finite number above 0{example}, or None for no limit, got {value!r}")
     return number
 
 

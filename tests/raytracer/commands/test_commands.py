@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer.commands import render as render_command
 from raytracer.commands.command_line import main
 from raytracer.film.error import format_error, format_interval
 from tests.folders import ROOT
@@ -197,6 +199,15 @@ def test_adaptive_samples_and_time_limits_reach_the_render(tmp_path: Path, scene
     output.unlink()
     assert main([*options, "--samples", "4000", "--seconds", "0.2"]) == 0
     assert raytracer.load_film(output).ended_by == "time"
+
+
+@pytest.mark.parametrize(("options", "samples"), [((), 8), (("--error", "1%"), 4096), (("--samples", "3"), 3)])
+def test_an_error_without_a_number_of_samples_may_take_many(options: tuple[str, ...], samples: int) -> None:
+    parser = argparse.ArgumentParser()
+    render_command.add_arguments(parser)
+    arguments = parser.parse_args(["scene.npz", "-o", "film.npz", *options])
+    found = {"width": 4, "height": 3, "samples": 8}
+    assert render_command.choose_keywords(found, arguments)["samples"] == samples
 
 
 @pytest.mark.parametrize("text", ["0", "100%", "-1%", "1 %", "a", "1e-3"])
