@@ -26,7 +26,7 @@ from .command_line import CommandError, check_replaceable_picture, first_line, h
 SUFFIXES = (".png", ".exr")
 PRECISIONS = ("certified", "float64", "float32")
 # With --error and no --samples: as many as Cycles takes with a noise threshold.
-MOST_SAMPLES = 4096
+SAMPLES_FOR_ERROR = 4096
 # What --bounces sets.
 BOUNCES = ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces")
 JSON_KEYS = (
@@ -63,7 +63,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=parse_share,
         metavar="E%",
         help="end at this error, the root mean square over the mean level; "
-        f"takes at most {MOST_SAMPLES} samples, or --samples",
+        f"takes at most {SAMPLES_FOR_ERROR} samples, or --samples",
     )
     parser.add_argument("--min-samples", type=parse_count, metavar="N", help="samples before --error may end it")
     parser.add_argument("--adaptive", action="store_true", help="give more samples to noisy pixels")
@@ -156,7 +156,7 @@ def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
         render.resolution_x, render.resolution_y = arguments.size
         render.resolution_percentage = 100
     for name, value in (
-        ("samples", arguments.samples or (arguments.error and max(settings.samples, MOST_SAMPLES))),
+        ("samples", arguments.samples or (arguments.error and max(settings.samples, SAMPLES_FOR_ERROR))),
         ("use_noise_threshold", arguments.error and True),
         ("noise_threshold", arguments.error and 100.0 * arguments.error),
         ("min_samples", arguments.min_samples),

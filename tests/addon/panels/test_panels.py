@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
@@ -303,6 +304,8 @@ def test_statistics_panel_shows_the_error_and_what_ended_the_render(empty_scene:
     record_statistics(empty_scene, ended_by="error", **known)
     texts = draw(last_render.RAYTRACER_RENDER_PT_statistics).texts
     assert {"8 (noise threshold)", "2.3% (2.2% to 2.5%)", "1.1%", "3 pixels hold it"} <= set(texts)
+    record_statistics(empty_scene, **{**known, "error_interval": (0.0, math.inf)})
+    assert "2.3% (any)" in draw(last_render.RAYTRACER_RENDER_PT_statistics).texts
     record_statistics(empty_scene, ended_by="time")
     assert "8 (time limit)" in draw(last_render.RAYTRACER_RENDER_PT_statistics).texts
 
