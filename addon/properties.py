@@ -52,6 +52,20 @@ INTEGRATORS = (
 )
 
 
+# What can be baked; the rest of what Blender's operator knows, this engine does not make.
+BAKE_TYPES = (
+    ("COMBINED", "Combined", "All light that leaves the surface"),
+    ("AO", "Ambient Occlusion", "How much of what is around is open, up to the world's distance"),
+    ("NORMAL", "Normal", "The shading normal, with bump"),
+    ("POSITION", "Position", "Where the surface is, in meters"),
+    ("UV", "UV", "Texture coordinates"),
+    ("EMIT", "Emit", "Light that the surface itself emits"),
+    ("DIFFUSE", "Diffuse", "Light that is reflected diffusely, or its color"),
+    ("GLOSSY", "Glossy", "Light that is reflected by mirrors and glossy surfaces, or its color"),
+    ("TRANSMISSION", "Transmission", "Light that comes through, or its color"),
+)
+
+
 def _bounce_limit(name: str, counted: str, default: int) -> Any:
     """A limit of a path; the defaults are Cycles'."""
     return IntProperty(
@@ -139,6 +153,17 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
         min=1,
         soft_max=1024,
     )
+    use_denoising: BoolProperty(  # type: ignore[valid-type]
+        name="Denoise",
+        description="Take the noise out of the finished render by OpenImageDenoise: a picture to look at, no "
+        "reference. Noisy detail is guessed; Error and the other passes stay those of the samples",
+        default=False,
+    )
+    use_viewport_denoising: BoolProperty(  # type: ignore[valid-type]
+        name="Viewport Denoise",
+        description="Take the noise out of the viewport's picture by OpenImageDenoise, once it has all its samples",
+        default=False,
+    )
     integrator: EnumProperty(  # type: ignore[valid-type]
         name="Integrator",
         description="How light is transported through the scene",
@@ -214,6 +239,12 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
         max=10.0,
         soft_max=4.0,
         precision=2,
+    )
+    bake_type: EnumProperty(  # type: ignore[valid-type]
+        name="Bake Type",
+        description="What to bake",
+        items=BAKE_TYPES,
+        default="COMBINED",
     )
     use_checkpoints: BoolProperty(  # type: ignore[valid-type]
         name="Checkpoints",

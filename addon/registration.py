@@ -8,6 +8,7 @@ from typing import Any
 from . import inspector, panels, passes, properties, scanning
 from .compare import window
 from .compare.window import operators
+from .denoising import process as denoiser
 from .engine import engine, worker_pool
 from .scripting import held
 
@@ -28,6 +29,7 @@ def unregister() -> None:
     """Take out everything that `register` added."""
     atexit.unregister(_leave)
     held.unregister()
+    denoiser.close()
     while _registered:
         _registered.pop().unregister()
 
@@ -37,5 +39,6 @@ def _leave() -> None:
     Blender application has already let go of all classes."""
     operators.end_process()
     worker_pool.close()
+    denoiser.close()
     if engine.ReferenceRaytracerEngine.is_registered:
         unregister()

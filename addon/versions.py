@@ -232,3 +232,48 @@ def subdivides_adaptively(source: Any) -> bool:
         return False
     of_object = getattr(getattr(source, "cycles", None), "use_adaptive_subdivision", False)
     return bool(getattr(last, "use_adaptive_subdivision", of_object))
+
+
+def has_denoiser() -> bool:
+    """Return True where Blender was built with OpenImageDenoise. Only Cycles tells: `bpy.app.build_options` does not,
+    and without it the compositor's node hands the picture on as it is."""
+    try:
+        import _cycles
+    except ImportError:
+        return False
+    return bool(_cycles.with_openimagedenoise)
+
+
+def make_compositor_tree(scene: Any) -> Any:
+    """Return an empty tree of compositor nodes in use by a scene; since 5.0 it is a node group."""
+    if not hasattr(scene, "compositing_node_group"):
+        scene.use_nodes = True
+        scene.node_tree.nodes.clear()
+        return scene.node_tree
+    scene.compositing_node_group = bpy.data.node_groups.new(scene.name, "CompositorNodeTree")
+    scene.compositing_node_group.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    return scene.compositing_node_group
+
+
+def find_compositor_output(tree: Any) -> Any:
+    """Return the socket, of a node made for it, that takes what a scene shows."""
+    is_group = bool(tree.interface.items_tree)
+    return tree.nodes.new("NodeGroupOutput" if is_group else "CompositorNodeComposite").inputs["Image"]
+
+
+def set_high_range(denoise: Any) -> None:
+    """Let a Denoise node take colors above 1; since 5.0 that is an input."""
+    if hasattr(denoise, "use_hdr"):
+        denoise.use_hdr = True
+    else:
+        denoise.inputs["HDR"].default_value = True
+
+
+def split_bake_primitives(values: NDArray[np.float32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """Return the triangle (n,) of each pixel of a bake, -1 of none, and the weights (n, 2) of its corners 0 and 1.
+
+    values : (n, 4) up to 4.x, a seed, the triangle, the weights; (n, 3) in 5.x, the weights, the triangle. The triangle
+        is a whole number in the bits of a float
+    """
+    triangle, first = (1, 2) if values.shape[1] == 4 else (2, 0)
+    return values.view(np.int32)[:, triangle].copy(), values[:, first : first + 2].copy()

@@ -24,6 +24,7 @@ FLOORS = {
     "addon": (
         *("interrupts", "versions", "passes", "properties", "editors", "handlers", "extract", "scripting", "scanning"),
         *(
+            "denoising",
             "viewport",
             "engine",
             "inspector",

@@ -26,13 +26,13 @@ from .command_line import CommandError, check_replaceable_picture, first_line, h
 SUFFIXES = (".png", ".exr")
 PRECISIONS = ("certified", "float64", "float32")
 # With --error and no --samples: as many as Cycles takes with a noise threshold.
-MOST_SAMPLES = 4096
+SAMPLES_FOR_ERROR = 4096
 # What --bounces sets.
 BOUNCES = ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces")
 JSON_KEYS = (
     *("passes", "width", "height", "samples", "triangles", "rays"),
     *("build_seconds", "trace_seconds", "total_seconds", "peak_memory_mb", "warnings"),
-    *("error", "error_interval", "error_p99", "error_note", "ended_by"),
+    *("error", "error_interval", "error_p99", "error_note", "ended_by", "denoised"),
 )
 
 
@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene_arguments(parser)
     parser.add_argument("--workers", type=parse_count, metavar="N", help="processes; 0: one for each processor")
     parts.add_arguments(parser)
+    parser.add_argument("--denoise", action="store_true", help="take the noise out of the picture, by OpenImageDenoise")
     parser.add_argument("--json", action="store_true", help="print what the render took, one line for each frame")
 
 
@@ -62,7 +63,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=parse_share,
         metavar="E%",
         help="end at this error, the root mean square over the mean level; "
-        f"takes at most {MOST_SAMPLES} samples, or --samples",
+        f"takes at most {SAMPLES_FOR_ERROR} samples, or --samples",
     )
     parser.add_argument("--min-samples", type=parse_count, metavar="N", help="samples before --error may end it")
     parser.add_argument("--adaptive", action="store_true", help="give more samples to noisy pixels")
@@ -76,6 +77,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Render the frames asked for; print one line for each."""
     parts.check_arguments(arguments)
     output = check_output(Path(arguments.output), arguments.passes)
+    check_denoising(output, arguments)
     bpy = open_blend(arguments.file)
     scene = bpy.context.scene
     check_limits(scene, arguments)
@@ -103,6 +105,19 @@ def check_output(path: Path, passes: tuple[str, ...] | None) -> Path:
         raise CommandError(f"{path}: passes need an .exr file")
     check_replaceable_picture(path)
     return path
+
+
+def check_denoising(path: Path, arguments: argparse.Namespace) -> None:
+    """Raise CommandError where a denoised picture is asked for and cannot be had."""
+    if not arguments.denoise:
+        return
+    if parts.is_film(path):
+        raise CommandError("--denoise: expected a picture, .png or .exr, as output: a film holds samples")
+    from ..denoising.process import NO_DENOISER
+    from ..versions import has_denoiser
+
+    if not has_denoiser():
+        raise CommandError(f"--denoise: {NO_DENOISER}")
 
 
 def check_limits(scene: Any, arguments: argparse.Namespace) -> None:
@@ -141,7 +156,7 @@ def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
         render.resolution_x, render.resolution_y = arguments.size
         render.resolution_percentage = 100
     for name, value in (
-        ("samples", arguments.samples or (arguments.error and max(settings.samples, MOST_SAMPLES))),
+        ("samples", arguments.samples or (arguments.error and max(settings.samples, SAMPLES_FOR_ERROR))),
         ("use_noise_threshold", arguments.error and True),
         ("noise_threshold", arguments.error and 100.0 * arguments.error),
         ("min_samples", arguments.min_samples),
@@ -149,6 +164,7 @@ def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
         ("time_limit", arguments.seconds),
         *((name, arguments.bounces) for name in BOUNCES),
         ("workers", arguments.workers),
+        ("use_denoising", getattr(arguments, "denoise", None) or None),
         ("precision", arguments.precision and arguments.precision.upper()),
     ):
         if value is not None:
@@ -224,7 +240,7 @@ def show_progress(label: str) -> Iterator[None]:
 
     A Ctrl-C that was raised where nothing hands it on (Python's own callbacks) ends the render here.
     """
-    from ..engine.engine import progress_listeners
+    from ..engine.progress import progress_listeners
 
     with contextlib.ExitStack() as stack:
         bar = make_bar(label)

@@ -19,6 +19,7 @@ from raytracer.files.replacing import check_replaceable
 from .. import handlers
 from ..properties import ENGINE
 from .orders import KeepFilm
+from .stereo import list_views
 
 SUFFIX = ".checkpoint.npz"
 # Letters that tell view layers and scenes of a file apart: their names may be too long for a file's, or have others.
@@ -29,19 +30,21 @@ class _Session:
     is_resuming = False
 
 
-def find_path(scene: Any, view_layer: str) -> Path:
-    """Return the file of the current frame: in the folder that the scene names, or a temporary one where that is
-    beside a .blend that has never been saved."""
+def find_path(scene: Any, view_layer: str, view: str = "") -> Path:
+    """Return the file of a view layer, or one of its stereo views, of the current frame: in the folder that the scene
+    names, or a temporary one where that is beside a .blend that has never been saved."""
     folder, blend = scene.reference_raytracer.checkpoint_folder or "//", bpy.data.filepath
     parent = Path(tempfile.gettempdir() if folder.startswith("//") and not blend else bpy.path.abspath(folder))
-    names = hashlib.sha256(f"{scene.name}\0{view_layer}".encode()).hexdigest()[:LETTERS]
+    name = "\0".join(filter(None, (scene.name, view_layer, view)))
+    names = hashlib.sha256(name.encode()).hexdigest()[:LETTERS]
     return parent / f"{Path(blend).stem or 'untitled'}_{scene.frame_current:04}_{names}{SUFFIX}"
 
 
 def list_files(scene: Any) -> list[Path]:
     """Return the files of the current frame that are there."""
     layers = [layer.name for layer in scene.view_layers if layer.use]
-    return [path for path in (find_path(scene, name) for name in layers) if path.is_file()]
+    paths = (find_path(scene, name, view) for name in layers for view in list_views(scene))
+    return [path for path in paths if path.is_file()]
 
 
 def can_resume(scene: Any) -> bool:
@@ -55,12 +58,13 @@ def is_wanted(engine: Any, scene: Any) -> bool:
     return scene.reference_raytracer.use_checkpoints and not (engine.is_preview or engine.is_animation)
 
 
-def make_order(engine: Any, scene: Any, view_layer: str) -> KeepFilm:
-    """Return the order to keep the film of a view layer, or raise OSError where its file could not be written.
+def make_order(engine: Any, scene: Any, view_layer: str, view: str = "") -> KeepFilm:
+    """Return the order to keep the film of a view layer, or of one of its stereo views, or raise OSError where its file
+    could not be written.
 
     A fault that comes later, a full disk, is a warning: it costs the file, and not the picture.
     """
-    path = find_path(scene, view_layer)
+    path = find_path(scene, view_layer, view)
     path.parent.mkdir(parents=True, exist_ok=True)
     check_replaceable(path)
     if not _Session.is_resuming:

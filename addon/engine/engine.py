@@ -7,14 +7,14 @@ them, tells Blender how far they are, and turns every error into one sentence.
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import bpy
 
 import raytracer
-from raytracer.film.error import format_error
 from raytracer.processes.python import print_traceback
 from raytracer.processes.workers import WorkerError
 
@@ -29,24 +29,17 @@ from ..viewport import viewport
 from ..viewport.viewport import Viewport
 from . import animation, checkpoints, orders, statistics, worker_pool
 from .animation import Frames
+from .baking import bake_object
+from .finishing import finish_picture
 from .first_look import show_first_look
 from .light_groups import give_groups
 from .mattes import describe_mattes, give_identities, name_things
 from .output import Border, RenderOutput, read_border
-
-# Seconds between two updates of text and progress bar, and of the picture on the screen: often enough to watch; and
-# the share of the time that updates of a large picture may take from tracing.
-TEXT_INTERVAL = 0.1
-PICTURE_INTERVAL = 0.5
-PICTURE_SHARE = 0.1
-# The share of the time that telling the error may take.
-ERROR_SHARE = 0.02
+from .progress import Progress
+from .stereo import find_unsupported, list_views, look_from_view
 
 # Light paths per pixel of Blender's previews of materials, worlds and lights.
 PREVIEW_SAMPLES = 8
-
-# Called with the finished share of the frame, 0 to 1; the command line's progress bar listens here.
-progress_listeners: list[Callable[[float], None]] = []
 
 
 class SceneError(Exception):
@@ -62,6 +55,7 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
     bl_use_preview = True  # small pictures of materials, worlds and lights
 
     layers_done = 0
+    baked_images = 0
     viewport: Viewport | None = None  # what a viewport shows, while this object serves one
     failed = False  # an error in one view layer ends the frame, with one message instead of one for each layer
 
@@ -73,9 +67,28 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
         """Render one view layer into Blender's render result (Blender's callback)."""
         if self.failed or self.test_break():
             return
+        for view in list_views(depsgraph.scene_eval):
+            with self._reporting(), interrupts.release():
+                render_view_layer(self, depsgraph, view)
+            self.layers_done += 1
+            if self.failed or self.test_break():
+                return
+
+    def bake(self, depsgraph: Any, object: Any, pass_type: str, pass_filter: int, width: int, height: int) -> None:
+        """Bake what an object shows into a texture (Blender's callback)."""
+        if self.failed or self.test_break():
+            return
+        with self._reporting(), interrupts.release():
+            try:
+                bake_object(self, depsgraph, object, pass_type, pass_filter, (width, height))
+            except ValueError as error:
+                raise SceneError(str(error)) from error
+
+    @contextlib.contextmanager
+    def _reporting(self) -> Iterator[None]:
+        """Turn every error into one sentence; nothing may reach Blender: it would take the render for a success."""
         try:
-            with interrupts.release():
-                render_view_layer(self, depsgraph)
+            yield
         except KeyboardInterrupt:
             self._fail("interrupted")
         except MemoryError:
@@ -85,10 +98,9 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
         except WorkerError as error:
             print_traceback(error)
             self._fail(str(error))
-        except Exception as error:  # nothing may reach Blender: it would take the render for a success
+        except Exception as error:
             print_traceback(error)
             self._fail(f"internal error, {type(error).__name__}: {error}")
-        self.layers_done += 1
 
     def view_update(self, context: Any, depsgraph: Any) -> None:
         """Take a change of what a viewport shows (Blender's callback)."""
@@ -114,25 +126,29 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
         self.report({"ERROR"}, f"{self.bl_label}: {' '.join(reason.split())}")
 
 
-def render_view_layer(engine: Any, depsgraph: Any) -> None:
-    """Read, build, trace and write the view layer of `depsgraph`; report warnings, record what it took."""
+def render_view_layer(engine: Any, depsgraph: Any, view: str = "") -> None:
+    """Read, build, trace and write the view layer of `depsgraph`, or one of its stereo views; report warnings, record
+    what it took."""
     started = time.perf_counter()
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     border = read_border(scene.render, engine.resolution_x, engine.resolution_y)
-    with RenderOutput(engine, view_layer.name, border) as output:
-        progress = Progress(engine, output, count_view_layers(scene))
+    with RenderOutput(engine, view_layer.name, border, view) as output:
+        progress = Progress(engine, output, count_pictures(scene))
         progress.show_stage("Reading the scene")
         kept = animation.find_frames(engine, depsgraph)
-        extraction = read_scene(depsgraph, kept, None if engine.is_preview else engine.frame_set)
+        extraction = read_scene(depsgraph, kept, find_set_frame(engine, scene))
         warnings = (*extraction.warnings, *find_ignored_settings(scene, extraction.scene.motion is not None))
         things = name_things(extraction, enabled_passes(view_layer))
-        traced = give_identities(extraction.scene, things)
+        traced = look_from_view(engine, view, scene, give_identities(extraction.scene, things))
         world = find_world(scene, view_layer)
         traced = give_groups(traced, extraction, world, enabled_passes(view_layer))
         film = make_film(engine, traced, depsgraph, border, progress, kept)
+        is_denoised = False
         if (film.width, film.height) == (border.width, border.height):  # a tile is no picture
             output.write(film.passes)
             output.note(describe_mattes(view_layer.name, things))
+            is_denoised, reasons = finish_picture(engine, scene, film, output, progress.show_stage)
+            warnings = (*warnings, *reasons)
     if engine.is_preview:
         return
     for warning in warnings:
@@ -156,6 +172,7 @@ def render_view_layer(engine: Any, depsgraph: Any) -> None:
         error_interval=error.interval,
         error_p99=error.error_p99,
         error_note=error.note,
+        denoised=is_denoised,
     )
     statistics.record_view_layer(depsgraph.scene, taken, first=engine.layers_done == 0)
 
@@ -179,8 +196,11 @@ def make_film(
     order = orders.find_order()
     if order is None or engine.is_preview:
         return make_checked_film(engine, scene, depsgraph, border, progress, kept)
-    if count_view_layers(depsgraph.scene_eval) > 1:
-        raise SceneError("films and scene files are of one view layer: expected Use for Rendering to be on in one")
+    if count_pictures(depsgraph.scene_eval) > 1:
+        raise SceneError(
+            "films and scene files are of one view layer without stereoscopy: "
+            "expected Use for Rendering to be on in one"
+        )
     if isinstance(order, orders.ShowFilm):
         return order.film
     try:
@@ -200,14 +220,19 @@ def make_checked_film(
     if not checkpoints.is_wanted(engine, depsgraph.scene):
         return trace(engine, scene, depsgraph, border, progress, kept, raytracer.render)
     try:
-        order = checkpoints.make_order(engine, depsgraph.scene, depsgraph.view_layer.name)
+        order = checkpoints.make_order(
+            engine, depsgraph.scene, depsgraph.view_layer.name, find_view(engine, depsgraph.scene)
+        )
         film = trace(engine, scene, depsgraph, border, progress, kept, order.render)
     except ValueError as error:  # a checkpoint that is broken, or of another picture
         raise SceneError(str(error)) from error
     except OSError as error:
         raise SceneError(f"Checkpoints: {error.filename}: {error.strerror}") from error
-    is_last = engine.layers_done + 1 >= count_view_layers(depsgraph.scene_eval)
-    if not film.cancelled and (is_last or depsgraph.scene.render.use_single_layer):
+    views = list_views(depsgraph.scene)
+    done, total = engine.layers_done + 1, count_pictures(depsgraph.scene_eval)
+    if depsgraph.scene.render.use_single_layer:
+        total = len(views)
+    if not film.cancelled and done >= total:
         checkpoints.remove_files(depsgraph.scene)
     return film
 
@@ -255,9 +280,20 @@ def trace(
     return film
 
 
-def count_view_layers(scene: Any) -> int:
-    """Return how many view layers a frame of `scene` has."""
-    return sum(view_layer.use for view_layer in scene.view_layers)
+def count_pictures(scene: Any) -> int:
+    """Return how many view layers a frame of `scene` has, each of their stereo views counted."""
+    return sum(view_layer.use for view_layer in scene.view_layers) * len(list_views(scene))
+
+
+def find_view(engine: Any, scene: Any) -> str:
+    """Return the stereo view that is being rendered; '' without stereoscopy."""
+    return engine.active_view_get() if scene.render.use_multiview else ""
+
+
+def find_set_frame(engine: Any, scene: Any) -> SetFrame | None:
+    """Return what has the depsgraph show other frames; None for previews, and for stereo views, whose cameras are not
+    where motion is read."""
+    return None if engine.is_preview or scene.render.use_multiview else engine.frame_set
 
 
 def find_ignored_settings(scene: Any, moves: bool) -> list[Warning]:
@@ -266,78 +302,12 @@ def find_ignored_settings(scene: Any, moves: bool) -> list[Warning]:
     moves : True where something moves while the shutter is open
     """
     is_adaptive = moves and scene.reference_raytracer.use_adaptive_sampling
+    is_stereo = scene.render.use_motion_blur and scene.render.use_multiview
     ignored = (
         (is_adaptive, "Adaptive sampling does not go with motion blur: all pixels have the same number of samples"),
-        (scene.render.use_multiview, "Stereoscopy is not supported: every view shows the same picture"),
+        (is_stereo, "Motion blur is not supported with stereoscopy: the picture shows one moment"),
     )
-    return [Warning(text) for is_used, text in ignored if is_used]
-
-
-class Progress:
-    """Tells the user how far the frame is, and shows the picture so far."""
-
-    def __init__(self, engine: Any, output: RenderOutput, layer_count: int) -> None:
-        self.output = output
-        self.is_watched = not (bpy.app.background or engine.is_preview)
-        self._engine = engine
-        self._layer_count = max(layer_count, engine.layers_done + 1)
-        self._samples = self._error = ""
-        self._first: tuple[float, float] | None = None  # time and share when tracing had begun
-        self._next_text = self._next_picture = self._next_error = time.perf_counter()
-
-    def show_stage(self, stage: str) -> None:
-        """Say what begins; the bar stands at what the view layers before have done."""
-        self._engine.update_stats("", stage)
-        self._engine.update_progress(self._engine.layers_done / self._layer_count)
-
-    def show_share(self, share: float) -> None:
-        """Update progress bar, remaining time and listeners; `share` of this view layer is done."""
-        now = time.perf_counter()
-        if now < self._next_text and share < 1:
-            return
-        self._next_text = now + TEXT_INTERVAL
-        self._engine.update_stats("", f"{self._samples}{self._error}{self._estimate_remaining(now, share)}")
-        of_frame = (self._engine.layers_done + share) / self._layer_count
-        self._engine.update_progress(of_frame)
-        for listener in progress_listeners:
-            listener(of_frame)
-
-    def _estimate_remaining(self, now: float, share: float) -> str:
-        """Return the time left, judged by the pace since the first block: starting takes a time of its own."""
-        if self._first is None:
-            self._first = (now, share)
-        first_time, first_share = self._first
-        if share <= first_share:
-            return "Tracing"
-        pace = (now - first_time) / (share - first_share)
-        return f"remaining {format_duration(pace * (1 - share))}"
-
-    def show_pass(self, film: Any, done: int, total: int) -> None:
-        """Count the samples; tell the error now and then, and update the picture where there is a screen to see it."""
-        self._samples = f"Sample {done}/{total} | "
-        self._tell_error(film)
-        started = time.perf_counter()
-        if not self.is_watched or done == total or started < self._next_picture:
-            return
-        self.output.write(film.passes)
-        self.output.show()
-        finished = time.perf_counter()
-        self._next_picture = finished + max(PICTURE_INTERVAL, (finished - started) / PICTURE_SHARE)
-
-    def _tell_error(self, film: Any) -> None:
-        started = time.perf_counter()
-        if started < self._next_error or film.samples < 2:
-            return
-        self._error = f"error {format_error(film.error)} | "
-        finished = time.perf_counter()
-        self._next_error = finished + (finished - started) / ERROR_SHARE
-
-
-def format_duration(seconds: float) -> str:
-    """Return a time as hours, minutes and seconds: '1:02:03' or '02:03'."""
-    minutes, rest = divmod(int(seconds + 0.5), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes:02}:{rest:02}"
+    return [*(Warning(text) for is_used, text in ignored if is_used), *find_unsupported(scene)]
 
 
 def register() -> None:

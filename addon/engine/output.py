@@ -63,20 +63,22 @@ def measure_picture(settings: Any) -> tuple[int, int]:
 
 
 class RenderOutput:
-    """Blender's result of one view layer, open inside a `with` block and always ended.
+    """Blender's result of one view layer, or of one of its stereo views, open inside a `with` block and always ended.
 
     It is ended without `cancel`, even after an error or Esc: what was written so far stays, and Blender crashes when
     it saves a result that was thrown away.
     """
 
-    def __init__(self, engine: Any, view_layer: str, border: Border) -> None:
+    def __init__(self, engine: Any, view_layer: str, border: Border, view: str = "") -> None:
         self._engine = engine
         self._view_layer = view_layer
         self._border = border
+        self._view = {"view": view} if view else {}
 
     def __enter__(self) -> RenderOutput:
         # Blender counts a result's corner from the border's own.
-        self._result = self._engine.begin_result(0, 0, self._border.width, self._border.height, layer=self._view_layer)
+        size = self._border.width, self._border.height
+        self._result = self._engine.begin_result(0, 0, *size, layer=self._view_layer, **self._view)
         return self
 
     def __exit__(
@@ -85,7 +87,7 @@ class RenderOutput:
         self._engine.end_result(self._result)
 
     def write(self, passes: Mapping[str, NDArray[np.float32]]) -> None:
-        """Copy a film's passes, (h, w, c) by name, into the result; each stereo view gets the same picture."""
+        """Copy a film's passes, (h, w, c) by name, into the result."""
         names = {blender_pass_name(name): name for name in passes}
         for stored in self._result.layers[0].passes:
             name = names.get(stored.name)

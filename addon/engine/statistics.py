@@ -27,6 +27,7 @@ class Statistics:
     ended_by : why it has no more samples, 'samples', 'error', 'time' or 'cancelled'
     error, error_interval, error_p99, error_note : how wrong Combined is, of the view layer where that is most
         (`raytracer.film.error.PictureError`)
+    denoised : True where Combined was denoised; the error is that of the samples
     """
 
     passes: tuple[str, ...]
@@ -46,6 +47,7 @@ class Statistics:
     error_interval: tuple[float, float] = (0.0, math.inf)
     error_p99: float = math.inf
     error_note: str = ""
+    denoised: bool = False
 
     @property
     def rays_per_second(self) -> float:
@@ -92,6 +94,7 @@ def _add(one: Statistics, other: Statistics) -> Statistics:
         error_interval=worse.error_interval,
         error_p99=worse.error_p99,
         error_note=worse.error_note,
+        denoised=one.denoised or other.denoised,
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.shading.site_tables import UNDEFORMED
+from raytracer.shading.site_tables import UNDEFORMED, UNDISPLACED
 from raytracer.textures.noise import LARGEST_WORD, hash_words
 
 from .displacing import SMOOTH, VERTEX_NORMAL
@@ -34,7 +34,7 @@ ATTRIBUTE_TYPES: dict[str, tuple[str, type, int]] = {
     "BYTE_COLOR": ("color", np.float32, 4),
 }
 # What only meshes have, under names of our own.
-UNNAMED = {DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND, POINTINESS, SMOOTH, UNDEFORMED, VERTEX_NORMAL}
+UNNAMED = {DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND, POINTINESS, SMOOTH, UNDEFORMED, UNDISPLACED, VERTEX_NORMAL}
 
 
 def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | None:

@@ -61,6 +61,7 @@ def extract_scene(
     space: Any = None,
     kept: Kept | None = None,
     set_frame: SetFrame | None = None,
+    needs_camera: bool = True,
 ) -> Extraction:
     """Return all that a depsgraph shows, in the depsgraph's own mode (render or viewport).
 
@@ -77,6 +78,7 @@ def extract_scene(
         one leaves. The result is the same without
     set_frame : has the depsgraph show another frame, for motion blur or the pass Vector where they are asked for; None
         leaves both out
+    needs_camera : False for a scene without one, too
 
     Raises
     ------
@@ -85,7 +87,7 @@ def extract_scene(
     """
     with read_layer_of(depsgraph):
         if set_frame is None or not (depsgraph.scene.render.use_motion_blur or "Vector" in passes):
-            return _extract_scene(depsgraph, passes, geometry_only, space, kept)
+            return _extract_scene(depsgraph, passes, geometry_only, space, kept, needs_camera)
         return extract_moving(depsgraph, passes, kept, set_frame)
 
 
@@ -98,7 +100,7 @@ def extract_moving(depsgraph: Any, passes: Sequence[str], kept: Kept | None, set
     tracks = Tracks(source, shutter.frame, None if is_blurred else STEPS_OF_NEIGHBORS)
     warnings = WarningList()
     with opened_shutter(shutter, set_frame):
-        still = _extract_scene(depsgraph, passes, False, None, kept, tracks)
+        still = _extract_scene(depsgraph, passes, False, None, kept, True, tracks)
         motion = read_motion(depsgraph, tracks, still.scene, shutter, set_frame, warnings)
     if is_blurred and "Vector" in passes:
         warnings.add("the Vector pass is empty with motion blur: the picture has the motion already")
@@ -114,6 +116,7 @@ def _extract_scene(
     geometry_only: bool,
     space: Any,
     kept: Kept | None,
+    needs_camera: bool,
     tracks: Tracks | None = None,
 ) -> Extraction:
     """Return what `extract_scene` does, while the view layer's properties can be found.
@@ -122,7 +125,9 @@ def _extract_scene(
     """
     warnings = WarningList()
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
-    camera = None if geometry_only or space else extract_camera(scene, warnings)
+    camera = None
+    if not (geometry_only or space) and (needs_camera or scene.camera is not None):
+        camera = extract_camera(scene, warnings)
     last = kept or Kept()
     frame = tracks.frame if tracks else scene.frame_current
     materials = None if geometry_only else MaterialTable(warnings, last, frame, list_aovs(passes))

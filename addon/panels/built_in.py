@@ -16,15 +16,12 @@ from ..properties import ENGINE
 
 # Built-in panels marked BLENDER_RENDER for what the engine does not follow, or replaced by a better one of its own.
 LEFT_OUT = (
-    "DATA_PT_camera_stereoscopy",
     "DATA_PT_light",
     "DATA_PT_volume_render",
     "EEVEE_MATERIAL_PT_viewport_settings",
     "NODE_DATA_PT_light",
-    "RENDER_PT_freestyle",
-    "RENDER_PT_stereoscopy",
 )
-LEFT_OUT_GROUPS = ("DATA_PT_lightprobe", "MATERIAL_PT_freestyle", "RENDER_PT_simplify", "VIEWLAYER_PT_freestyle")
+LEFT_OUT_GROUPS = ("DATA_PT_lightprobe", "RENDER_PT_simplify")
 
 # EEVEE's panels for what all engines share.
 BORROWED = (

@@ -12,7 +12,7 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.props import StringProperty
 
-from raytracer.film.error import format_error
+from raytracer.film.error import format_error, format_interval
 
 from ..editors import count_letters, redraw, wrap_text
 from ..engine.statistics import Statistics, last_render
@@ -53,6 +53,8 @@ def describe_statistics(statistics: Statistics) -> Iterator[tuple[str, str]]:
     yield "Resolution", f"{statistics.width} x {statistics.height}"
     yield "Samples", f"{statistics.samples}{' (stopped)' if statistics.cancelled else ENDINGS[statistics.ended_by]}"
     yield from describe_error(statistics)
+    if statistics.denoised:
+        yield "Denoised", "by OpenImageDenoise; the error is from before"
     yield "Triangles", f"{statistics.triangles:,}"
     yield "Rays", f"{statistics.rays:,}"
     yield "Speed", f"{statistics.rays_per_second / 1e6:.2f} million rays/s"
@@ -67,8 +69,7 @@ def describe_error(statistics: Statistics) -> Iterator[tuple[str, str]]:
     if not math.isfinite(statistics.error):
         yield "Error", "unknown"
         return
-    low, high = map(format_error, statistics.error_interval)
-    yield "Error", f"{format_error(statistics.error)} ({low} to {high})"
+    yield "Error", f"{format_error(statistics.error)} ({format_interval(statistics.error_interval)})"
     yield "Without noisiest 1%", format_error(statistics.error_p99)
 
 

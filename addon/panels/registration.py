@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import bpy
 
-from . import built_in, last_render, motion_blur, presets, render, resume, scene_data, view_layer
+from . import bake, built_in, last_render, motion_blur, presets, render, resume, scene_data, view_layer
 
 # In the order of each tab.
 CLASSES = (
-    *(*presets.CLASSES, *render.CLASSES, *last_render.CLASSES, *view_layer.CLASSES, *scene_data.CLASSES),
+    *(*presets.CLASSES, *render.CLASSES, *bake.CLASSES, *last_render.CLASSES, *view_layer.CLASSES, *scene_data.CLASSES),
     *(*motion_blur.CLASSES, *resume.CLASSES),
 )
 

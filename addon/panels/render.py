@@ -8,7 +8,10 @@ from typing import Any
 
 import bpy
 
+from ..denoising.process import NO_DENOISER
+from ..editors import count_letters, wrap_text
 from ..properties import BOUNCE_LIMITS, count_processors
+from ..versions import has_denoiser
 from .presets import RAYTRACER_PT_sampling_presets
 from .shared import RenderPanel, split
 
@@ -37,6 +40,24 @@ class RAYTRACER_RENDER_PT_sampling(RenderPanel, bpy.types.Panel):
         column.prop(settings, "time_limit")
         column.prop(settings, "use_adaptive_sampling")
         column.prop(settings, "seed")
+
+
+class RAYTRACER_RENDER_PT_denoise(RenderPanel, bpy.types.Panel):
+    """Whether noise is taken out of finished pictures."""
+
+    bl_label = "Denoise"
+    bl_parent_id = "RAYTRACER_RENDER_PT_sampling"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        column, settings = split(self), context.scene.reference_raytracer
+        choices = column.column(heading="Denoise")
+        choices.enabled = has_denoiser()
+        choices.prop(settings, "use_viewport_denoising", text="Viewport")
+        choices.prop(settings, "use_denoising", text="Render")
+        if not choices.enabled:
+            for index, line in enumerate(wrap_text(f"Not available: {NO_DENOISER}", count_letters(context))):
+                column.label(text=line, icon="BLANK1" if index else "INFO")
 
 
 class RAYTRACER_RENDER_PT_light_paths(RenderPanel, bpy.types.Panel):
@@ -154,6 +175,7 @@ class RAYTRACER_RENDER_PT_simplify(RenderPanel, bpy.types.Panel):
 
 CLASSES = (
     RAYTRACER_RENDER_PT_sampling,
+    RAYTRACER_RENDER_PT_denoise,
     RAYTRACER_RENDER_PT_light_paths,
     RAYTRACER_RENDER_PT_max_bounces,
     RAYTRACER_RENDER_PT_clamping,

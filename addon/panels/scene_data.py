@@ -39,6 +39,8 @@ class RAYTRACER_LIGHT_PT_tracing(EnginePanel, bpy.types.Panel):
         column.prop(context.light, "use_shadow", text="Cast Shadow")
         if context.light.type == "AREA":
             column.prop(context.light, "spread")
+        if hasattr(context.light, "cycles"):  # the setting is Cycles', which can be disabled
+            column.prop(context.light.cycles, "max_bounces")
 
 
 class RAYTRACER_LIGHT_PT_nodes(EnginePanel, bpy.types.Panel):
@@ -195,6 +197,22 @@ class RAYTRACER_WORLD_PT_ray_visibility(EnginePanel, bpy.types.Panel):
                 column.prop(visibility, name)
 
 
+class RAYTRACER_WORLD_PT_settings(EnginePanel, bpy.types.Panel):
+    """How far the light of the world is aimed at."""
+
+    bl_label = "Settings"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        # The settings are those of Cycles, which can be disabled.
+        return hasattr(context.world, "cycles") and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        split(self).prop(context.world.cycles, "max_bounces")
+
+
 class RAYTRACER_WORLD_PT_light_group(EnginePanel, bpy.types.Panel):
     """The group of lights that the world belongs to."""
 
@@ -220,5 +238,6 @@ CLASSES = (
     RAYTRACER_WORLD_PT_preview,
     RAYTRACER_WORLD_PT_surface,
     RAYTRACER_WORLD_PT_ray_visibility,
+    RAYTRACER_WORLD_PT_settings,
     RAYTRACER_WORLD_PT_light_group,
 )

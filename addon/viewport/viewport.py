@@ -15,6 +15,7 @@ from bpy.app.handlers import persistent
 from ..handlers import HANDLERS, join, leave
 from . import pool
 from .drawing import Canvas
+from .finishing import Finishing
 from .session import Session
 
 UNANNOUNCED = (HANDLERS.undo_pre, HANDLERS.undo_post, HANDLERS.redo_pre, HANDLERS.redo_post)
@@ -29,6 +30,7 @@ class Viewport:
         self.engine = weakref.ref(engine)
         self.session = Session()
         self.canvas = Canvas()
+        self.finishing = Finishing()
         _viewports.add(self)
         if not bpy.app.timers.is_registered(watch):
             bpy.app.timers.register(watch, persistent=True)
@@ -42,21 +44,23 @@ class Viewport:
         pixel_size = int(engine.get_preview_pixel_size(depsgraph.scene))
         region, data, space = context.region, context.region_data, context.space_data
         self.session.look(region, data, space, depsgraph, pixel_size)
-        picture = self.session.read_picture()
+        is_denoised = depsgraph.scene.reference_raytracer.use_viewport_denoising
+        picture = self.finishing.choose(self.session.read_picture(), is_denoised)
         if picture is not None:
             self.canvas.take(picture)
         self.canvas.upload()
         self.canvas.draw(engine, depsgraph.scene)
-        engine.update_stats("", self.session.status)
+        engine.update_stats("", self.session.status + self.finishing.status)
 
     def has_news(self) -> bool:
         """True where the region should be drawn again."""
-        return self.session.has_news or self.canvas.is_busy
+        return self.session.has_news or self.finishing.has_news or self.canvas.is_busy
 
     def close(self) -> None:
         """End it; may be called again."""
         _viewports.discard(self)
         self.session.close()
+        self.finishing.close()
 
 
 _viewports: set[Viewport] = set()

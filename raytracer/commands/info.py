@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from raytracer.commands.render import describe_progress
-from raytracer.film.error import format_error
+from raytracer.film.error import format_error, format_interval
 from raytracer.film.film import Film
 from raytracer.film.film_file import load_film
 
@@ -31,7 +31,8 @@ def describe(film: Film) -> list[str]:
     error = []
     if "Combined" in film.names:
         known = film.measure_error()
-        error = [f"  error: {', '.join(filter(None, (format_error(known.error), known.note)))}"]
+        told = f"{format_error(known.error)} ({format_interval(known.interval)})"
+        error = [f"  error: {', '.join(filter(None, (told, known.note)))}"]
     return [
         f"{film.label}: {describe_progress(film)}, {film.statistics.trace_seconds:.1f} s, {film.statistics.rays} rays",
         *error,

@@ -31,6 +31,8 @@ from raytracer.rendering.checkpoints import EVERY_SECONDS, render_into
 from raytracer.scene.scene_file import load, load_settings
 
 SUFFIXES = (".npz", ".exr")
+# With --error and no --samples: as many as Cycles takes with a noise threshold, at most.
+SAMPLES_FOR_ERROR = 4096
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=parse_size, metavar="WxH", help="pixels; default: the file's, as in the rest")
     parser.add_argument("--samples", type=parse_positive, metavar="N", help="samples per pixel of the whole picture")
     parser.add_argument("--until", type=parse_positive, metavar="K", help="stop when every pixel has K of them")
-    parser.add_argument("--error", type=parse_share, metavar="E%%", help="end at this error of the picture")
+    parser.add_argument(
+        "--error",
+        type=parse_share,
+        metavar="E%%",
+        help="end at this error, the root mean square over the mean level; "
+        f"takes at most {SAMPLES_FOR_ERROR} samples, or --samples",
+    )
     parser.add_argument("--seconds", type=parse_seconds, metavar="T", help="end after so many seconds of tracing")
     parser.add_argument("--adaptive", action="store_true", default=None, help="give more samples to noisy pixels")
     parser.add_argument("--tile", type=parse_tile, metavar="I/N", help="render the I-th, from 1, of N tiles")
@@ -95,7 +103,10 @@ def choose_keywords(found: dict[str, Any], arguments: argparse.Namespace) -> dic
     for name in ("samples", "until", "error", "seconds", "adaptive", "tile", "passes", "workers"):
         if getattr(arguments, name) is not None:
             keywords[name] = getattr(arguments, name)
-    return {"samples": Settings.samples, **keywords}
+    keywords = {"samples": Settings.samples, **keywords}
+    if arguments.error and not arguments.samples:
+        keywords["samples"] = max(keywords["samples"], SAMPLES_FOR_ERROR)
+    return keywords
 
 
 def describe_progress(film: Film) -> str:

@@ -43,8 +43,6 @@ NOISIEST = 0.01
 # Where so few pixels hold so much of the noise, chance decides whether there are any: the user is told.
 FEW = 50
 MOST_NOISE = 0.9
-# Student's t at 97.5% of 3 degrees of freedom: what the four sets of pixels that share points of lights leave.
-STUDENT_QUANTILE = 3.182446
 # Weights of a pixel and its neighbors, in each direction, where they share what they know of their noise.
 NEIGHBORS = np.array([1.0, 2.0, 1.0]) / 4.0
 
@@ -58,6 +56,7 @@ class PictureError:
     error_p99 : the same of the pixels without the noisiest 1%
     few : number of pixels that hold 90% of the noise (of the mean square error), 0 where they are more than FEW
     worst : (x, y) of the noisiest pixel, counted from the lower left corner
+    is_one_draw : True where all pixels take the same points of lights, and can all be wrong together
     """
 
     error: float = np.inf
@@ -65,10 +64,13 @@ class PictureError:
     error_p99: float = np.inf
     few: int = 0
     worst: tuple[int, int] = (0, 0)
+    is_one_draw: bool = False
 
     @property
     def note(self) -> str:
-        """A sentence where the estimate rests on few pixels, else nothing."""
+        """A sentence where the estimate rests on few pixels, or on one draw of lights' points, else nothing."""
+        if self.is_one_draw:
+            return "all pixels take the same points of lights (interleaving 1): the error has no upper bound"
         if not self.few:
             return ""
         held = "1 pixel holds" if self.few == 1 else f"{self.few} pixels hold"
@@ -87,6 +89,20 @@ def format_error(error: float) -> str:
     if not np.isfinite(error):
         return "unknown"
     return f"{100.0 * error:.0f}%" if error >= 0.0995 else f"{100.0 * error:.2g}%"
+
+
+def format_interval(interval: tuple[float, float]) -> str:
+    """Return an interval of errors in words.
+
+    Examples
+    --------
+    >>> format_interval((0.021, 0.025)), format_interval((0.021, float("inf"))), format_interval((0.0, float("inf")))
+    ('2.1% to 2.5%', '2.1% or more', 'any')
+    """
+    low, high = map(format_error, interval)
+    if np.isfinite(interval[1]):
+        return f"{low} to {high}"
+    return f"{low} or more" if interval[0] > 0 else "any"
 
 
 def square_errors(first: Floats, second: Floats, weight: Floats) -> Floats:
@@ -120,7 +136,7 @@ def measure_error(squares: Floats, level: float, width: int, interleaving: int =
     interleaving : side of the squares of pixels that take different points of lights (`lights.shared_points`)
     """
     total = float(squares.sum())
-    if not np.isfinite(total):
+    if not np.isfinite(total + level):
         return PictureError()
     error = relate(total / squares.size, level)
     if total == 0 or error == np.inf:
@@ -137,6 +153,7 @@ def measure_error(squares: Floats, level: float, width: int, interleaving: int =
         relate(float(ordered[:quiet].mean()) if quiet else 0.0, level),
         count_holders(ordered[-FEW:], total),
         (column, row),
+        is_one_draw=interleaving == 1,
     )
 
 
@@ -150,19 +167,45 @@ def relate(square: float, level: float) -> float:
 def count_freedom(squares: Floats, width: int, interleaving: int, missed: float = 0.0) -> float:
     """Return the degrees of freedom of the sum of `squares`, and one more of `missed`, (sum v)^2 / sum v^2.
 
-    Pixels that share points of lights are wrong together. Where they do, each of the 2 x 2 sets of pixels that take
-    different ones has a sum S of its own, four numbers from one distribution: the mean has the variance s^2 / 4, that
-    of a chi-square would be 2 mean^2 / nu.
+    Pixels that share points of lights are wrong together. Where they do, each of the G sets of pixels that take
+    different ones has a sum S of its own, numbers from one distribution, of the variance s^2: their total has the
+    variance G s^2, that of a chi-square would be 2 total^2 / nu. Since s^2 is known from G numbers alone, it is taken
+    as much larger as Student's quantile is than the normal one, squared. Of one set no s^2 is known: one degree is
+    left.
     """
     # By sums, for they may end a render: BLAS, to which a product goes, rounds them in its processor's way.
     total, of_squares = float(squares.sum()) + missed, float((squares * squares).sum()) + missed * missed
     freedom = NORMAL_KURTOSIS * total * total / of_squares
-    if interleaving < 2:
+    if interleaving == 0:
         return freedom
-    rows = squares[: squares.size // (2 * width) * 2 * width].reshape(-1, 2, width)[..., : width // 2 * 2]
-    sums = rows.reshape(-1, 2, width // 2, 2).sum(axis=(0, 2)).ravel()
-    spread = float(sums.var(ddof=1)) * (STUDENT_QUANTILE / QUANTILE) ** 2
-    return min(freedom, 8.0 * float(sums.mean()) ** 2 / spread) if spread else freedom
+    row, column = np.divmod(np.arange(squares.size), width)
+    number = row % interleaving * interleaving + column % interleaving
+    sums = np.bincount(number, squares)[np.bincount(number) > 0]  # a small picture lacks some sets
+    if len(sums) < 2:
+        return min(freedom, 1.0)
+    spread = float(sums.var(ddof=1)) * (student_quantile(len(sums) - 1) / QUANTILE) ** 2
+    return min(freedom, 2.0 * len(sums) * float(sums.mean()) ** 2 / spread) if spread else freedom
+
+
+def student_quantile(freedom: int) -> float:
+    """Return Student's t at 97.5%, to 1% from 3 degrees of freedom on.
+
+    The first terms of its series in 1 / freedom around the normal quantile.
+
+    References
+    ----------
+    M. Abramowitz, I. Stegun, "Handbook of Mathematical Functions", 1964, 26.7.5.
+
+    Examples
+    --------
+    >>> round(student_quantile(15), 3)
+    2.131
+    """
+    z = QUANTILE
+    first = (z**3 + z) / 4.0
+    second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0
+    third = (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / 384.0
+    return z + first / freedom + second / freedom**2 + third / freedom**3
 
 
 def spread_ratio(freedom: float) -> float:
@@ -190,3 +233,12 @@ def share_with_neighbors(values: Floats) -> Floats:
     padded = np.pad(values, 1, mode="edge")
     rows = sum(weight * padded[k : k + len(values)] for k, weight in enumerate(NEIGHBORS))
     return sum(weight * rows[:, k : k + values.shape[1]] for k, weight in enumerate(NEIGHBORS))
+
+
+def weigh_own(shape: tuple[int, int]) -> Floats:
+    """Return (h, w) the weight that each value of a picture has in its own mean with its neighbors."""
+    rows, columns = (np.full(side, NEIGHBORS[1]) for side in shape)
+    for side in (rows, columns):
+        side[0] += NEIGHBORS[0]
+        side[-1] += NEIGHBORS[2]
+    return rows[:, np.newaxis] * columns

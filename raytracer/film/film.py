@@ -285,7 +285,8 @@ class Film:
         """
         if "Combined" not in self._means:
             raise KeyError(f"the film has no pass 'Combined', which has an error; it has {', '.join(self.names)}")
-        level = np.mean([self._read("Combined", pixels)[:, :3].mean() for pixels in self._rows()])
+        with np.errstate(over="ignore", invalid="ignore"):  # of what is infinite nothing is known
+            level = np.mean([self._read("Combined", pixels)[:, :3].mean() for pixels in self._rows()])
         return measure_error(self.square_errors(), float(level), self.width, self.interleaving)
 
     @property

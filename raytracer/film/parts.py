@@ -2,7 +2,8 @@
 
 A part is a film that knows its picture and how far it is. Tiles lie beside each other; the samples of a tile are a
 chain, in which one render goes on from another's film. A sample's value depends on pixel, number and seed alone, so the
-whole is the same bit for bit as if it had been rendered in one go.
+whole is the same bit for bit as if it had been rendered in one go. Adaptive tiles are as right, but each has spread its
+own samples: the whole has other bits, and cannot go on.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ Stage = Callable[[Integrator, PathPasses, Paths, Hits], None]
 ALONG_RAYS: tuple[Stage, ...] = (add_background, add_visible_lights, add_sky_aovs)
 
 
-def trace(integrator: Integrator, rays: Rays, samples: SobolSamples) -> dict[str, Floats]:
+def trace(integrator: Integrator, rays: Rays, samples: SobolSamples, hits: Hits | None = None) -> dict[str, Floats]:
     """Return what n rays see: (n, channels) float64 for each of the settings' passes.
 
     Parameters
@@ -65,10 +65,14 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples) -> dict[str
     integrator : of `prepare`
     rays : n camera rays, of any length of direction; t is the depth
     samples : n SobolSamples
+    hits : what the rays hit, none of them a miss, where that is given; None casts them
     """
     passes = start_passes(integrator.settings, rays)
     start_catching(integrator, passes, rays)
-    follow(integrator, passes, start_paths(rays), Sampler(samples, share_samples(samples), 0))
+    paths, sampler = start_paths(rays), Sampler(samples, share_samples(samples), 0)
+    if hits is not None:
+        paths, sampler = shade_wave(integrator, passes, paths, hits, sampler)
+    follow(integrator, passes, paths, sampler)
     finish_alpha(integrator, passes)
     finish_caught(passes)
     if passes.lengths is not None:

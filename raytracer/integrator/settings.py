@@ -47,7 +47,8 @@ class Settings:
     samples : rays per pixel, at most
     error : the error of the picture (`Film.error`) at which it is done, 0.01 for 1%; None takes all samples
     min_samples : before which the error does not end it; 0 chooses
-    adaptive : True gives more samples to pixels that need them; `samples` is their mean then, at the cost of even ones
+    adaptive : True gives more samples to pixels that need them; `samples` is their mean then, at the cost of even ones.
+        A border or a tile spreads its own, so its pixels are not bit for bit those of the whole picture
     seconds : the time that tracing may take; it ends after the last sweep that fits in, but not before the first. None
         sets no limit
     integrator : 'direct' follows reflection and transmission but diffuse, 'path' everything
@@ -196,9 +197,13 @@ def _check_limit(value: Any, field: str) -> float | None:
     """Return a number above 0, or None for no limit."""
     if value is None:
         return None
-    number = _check_number(value, field)
-    if number == 0:
-        raise ValueError(f"{field}: expected a number above 0, or None for no limit, got 0")
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = 0.0
+    if not 0.0 < number < float("inf"):
+        example = ", such as 0.01 for 1%" if field.endswith("error") else ""
+        raise ValueError(f"{field}: expected a finite number above 0{example}, or None for no limit, got {value!r}")
     return number
 
 

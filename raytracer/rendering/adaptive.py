@@ -2,6 +2,9 @@
 
 How many samples a pixel gets over the average follows from the pilot (`allocation`), once. With the density r, it has
 floor(j r + u) samples of a replication after j more sweeps, where u is a number of its own between 0 and 1.
+
+The density is relative to the pilot of all the film: tiles decide each for itself. Put together they are right on
+average, but not the whole's bits, nor can they go on as one.
 """
 
 from __future__ import annotations
@@ -10,10 +13,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from raytracer.arrays.types import Indices, Numbers, Words
-from raytracer.film.film import PILOT, Film
+from raytracer.arrays.types import Floats, Indices, Words
+from raytracer.film.film import COUNTS, PILOT, Film
 from raytracer.integrator.settings import Settings
-from raytracer.rendering.allocation import allocate, describe_pilot
+from raytracer.rendering.allocation import allocate, measure_scatter
 from raytracer.rendering.blocks import Block, BlockPlan, BlockResult, FrameWindow, ListedBlock, number_pixels
 from raytracer.rendering.ending import EndedBy, Ending
 from raytracer.sampling.dimensions import ALLOCATION_DIMENSION
@@ -29,9 +32,8 @@ class AdaptivePlan(BlockPlan):
         pixels, even = film.width * film.height, min(film.pilot, sweeps)
         shared = {"workers": settings.workers, "done": film.samples, "ahead": film.ahead}
         super().__init__(pixels, even, settings.block_size, growth, **shared)
-        self._film, self._seed = film, settings.seed
-        self._pixel = number_pixels(window, np.arange(self.pixels))[0]
-        self._total = sweeps
+        self._film, self._total = film, sweeps
+        self._offset = draw_offsets(film, window, settings.seed)
 
     def phases(self) -> Iterator[Iterator[Block | ListedBlock]]:
         """Yield the pilot's blocks; and, once they are in the film, those that follow from them."""
@@ -49,8 +51,7 @@ class AdaptivePlan(BlockPlan):
         return block.sample + len(block.ends) if isinstance(block, ListedBlock) else super().count_done(block)
 
     def _list_blocks(self) -> Iterator[ListedBlock]:
-        density = decide_density(self._film)
-        offset = SobolSamples(self._pixel, 0, self._seed).uniform(ALLOCATION_DIMENSION)
+        density, offset = decide_density(self._film), self._offset
         sweep, ahead = self._film.samples, self._film.ahead
         while sweep < self.sweeps:
             most, first, lists, count = self._limit_sweeps(sweep), sweep, [], 0
@@ -63,14 +64,44 @@ class AdaptivePlan(BlockPlan):
             yield from cut_lists(first, lists, self.size)
 
 
-def decide_density(film: Film) -> Numbers:
+def decide_density(film: Film) -> Floats:
     """Return (pixels, 2) samples of each pixel over the average, of both replications, by the pilot in the film."""
     sums, count, shape = film.arrays[PILOT], film.pilot // REPLICATIONS, (film.height, film.width)
-    first, second = (describe_pilot(sums[:, columns], count) for columns in (slice(0, 3), slice(3, 6)))
+    first, second = (measure_scatter(sums[:, columns], count) for columns in (slice(0, 3), slice(3, 6)))
     return np.stack([allocate(second, shape, film.pilot), allocate(first, shape, film.pilot)], axis=1)
 
 
-def list_sweep(density: Numbers, offset: Numbers, sweep: int, pilot: int) -> tuple[Indices, Words]:
+def draw_offsets(film: Film, window: FrameWindow, seed: int) -> Floats:
+    """Return (pixels,) where between two sweeps each pixel begins, 0 to 1."""
+    pixel = number_pixels(window, np.arange(film.width * film.height))[0]
+    return SobolSamples(pixel, 0, seed).uniform(ALLOCATION_DIMENSION)
+
+
+def check_counts(film: Film, window: FrameWindow, seed: int) -> None:
+    """Raise ValueError unless a film's numbers of samples are those that follow from its pilot.
+
+    Those of tiles that were put together after it do not: samples would be taken twice, and others never.
+    """
+    if film.samples < film.pilot:
+        return
+    density, offset = decide_density(film), draw_offsets(film, window, seed)
+    expected = count_listed(density, offset, film.samples, film.pilot)
+    pixels, numbers = list_sweep(density, offset, film.samples, film.pilot)
+    np.add.at(expected, (pixels[: film.ahead], numbers[: film.ahead] % REPLICATIONS), 1)
+    if not np.array_equal(film.arrays[COUNTS], expected):
+        raise ValueError(
+            f"{film.label or 'film'} cannot go on: its samples are not those that its pilot asks for, as those of "
+            "adaptive tiles that were merged are not; render them to the end before they are merged"
+        )
+
+
+def count_listed(density: Floats, offset: Floats, sweep: int, pilot: int) -> Indices:
+    """Return (pixels, 2) the numbers of samples after so many sweeps, of both replications."""
+    turns = (sweep - pilot + 1 - np.arange(REPLICATIONS)) // REPLICATIONS
+    return pilot // REPLICATIONS + np.floor(turns * density + offset[:, np.newaxis]).astype(np.int64)
+
+
+def list_sweep(density: Floats, offset: Floats, sweep: int, pilot: int) -> tuple[Indices, Words]:
     """Return the pixels (n,) and the numbers of their samples (n,) of one sweep, those of a pixel in order."""
     turn, replication = divmod(sweep - pilot, REPLICATIONS)
     first = np.floor(turn * density[:, replication] + offset).astype(np.int64)

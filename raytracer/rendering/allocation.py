@@ -11,11 +11,18 @@ Then no number of samples, and no weight, depends on a value that it counts: the
 For the least sum of v / n, where a sample of a pixel has the variance v and the cost c, and the sum of n c is given, n
 is in proportion to sqrt(v / c) (Neyman). Neighbors share what they know of v and c: noise comes in patches and along
 edges. A pilot of P samples knows v little better than to 1 / sqrt(P), and rare bright paths not at all. So its share
-1 - 2 / sqrt(P) alone of the samples follows it, and the rest is even: what was wrongly thought quiet is not forgotten.
+s = 1 - 2 / sqrt(P) alone of the samples follows it, at most, and the rest is even: what was wrongly thought quiet is
+not forgotten.
+
+Where noise comes from rare bright paths, the pixels that have met one say nothing of those that will. Whether a pilot
+can tell is told by itself: each pixel's w, what it would get by its neighbors' v and c without its own, beside its own
+v. The sum of v / (1 - s + s w) is without bias, over pilots, what the noise will be; the share s is the one of a few
+for which that is least, and 0, all even, where not even LEAST_GAIN is promised.
 
 References
 ----------
 J. Neyman, "On the Two Different Aspects of the Representative Method", 1934: stratified sampling at least variance.
+M. Stone, "Cross-Validatory Choice and Assessment of Statistical Predictions", 1974: without the pixel itself.
 D. Kirk, J. Arvo, "Unbiased Sampling Techniques for Image Synthesis", SIGGRAPH 1991: the bias, and pilots.
 """
 
@@ -26,14 +33,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from raytracer.arrays.types import Floats, Numbers
-from raytracer.film.error import share_with_neighbors
+from raytracer.film.error import share_with_neighbors, weigh_own
 
 # The share of all samples that the pilot takes, and the fewest and most of a pixel.
 PILOT_SHARE = 0.25
 SHORTEST_PILOT = 16
 LONGEST_PILOT = 64
 # Times the average number of samples, beyond which a pixel gets no more.
-MOST_SAMPLES = 1000.0
+LARGEST_DENSITY = 1000.0
+# Parts of the largest share that are tried, and how many times less variance the best must promise: uneven numbers of
+# samples lose some of what makes Sobol's even ones good (a tenth where mirrors face each other).
+PARTS_OF_SHARE = np.array([0.25, 0.5, 0.75, 1.0])
+LEAST_GAIN = 1.15
 
 
 @dataclass(frozen=True)
@@ -47,22 +58,34 @@ class Scatter:
     cost: Numbers
 
 
-def measure_pilot(samples: int) -> int:
-    """Return the sweeps of the pilot for so many samples of a pixel; 0 where they are too few to be worth it."""
+def choose_pilot(samples: int) -> int:
+    """Return the sweeps of the pilot for so many samples of a pixel; 0 where they are too few to be worth it.
+
+    Examples
+    --------
+    >>> [choose_pilot(samples) for samples in (31, 32, 100, 4096)]
+    [0, 16, 24, 64]
+    """
     if samples < 2 * SHORTEST_PILOT:
         return 0
     return int(min(max(PILOT_SHARE * samples, SHORTEST_PILOT), LONGEST_PILOT)) // 2 * 2
 
 
-def describe_pilot(sums: Floats, count: int) -> Scatter:
-    """Return the Scatter of sums (n, 3) over `count` samples: of their values, their squares, and their lengths."""
+def measure_scatter(sums: Floats, count: int) -> Scatter:
+    """Return the Scatter of sums (n, 3) over `count` samples: of their values, their squares, and their lengths.
+
+    A path costs a cast at least, also where the lens of a panorama lets none through.
+    """
     value, square, length = sums.T
-    variance = np.maximum(square - value * value / count, 0.0) / (count - 1)
-    return Scatter(variance, length / count)
+    with np.errstate(invalid="ignore", over="ignore"):  # of what is infinite nothing is known
+        variance = np.maximum(square - value * value / count, 0.0) / (count - 1)
+    return Scatter(variance, np.maximum(length / count, 1.0))
 
 
 def allocate(scatter: Scatter, shape: tuple[int, int], pilot: int) -> Numbers:
     """Return (n,) how many samples pixels of the other replication get, over the average, at the cost of even ones.
+
+    1 - s + s w, where w is as sqrt(v / c) and its cost, the sum of w c, is the sum of c.
 
     Parameters
     ----------
@@ -70,12 +93,49 @@ def allocate(scatter: Scatter, shape: tuple[int, int], pilot: int) -> Numbers:
     shape : (h, w) of the picture
     pilot : its sweeps, of both replications
     """
-    variance, cost = (
-        share_with_neighbors(values.reshape(shape)).ravel() for values in (scatter.variance, scatter.cost)
-    )
-    wanted = np.sqrt(variance / cost)
+    with np.errstate(invalid="ignore", over="ignore"):
+        variance, cost = (share_with_neighbors(values.reshape(shape)) for values in (scatter.variance, scatter.cost))
+        own = weigh_own(shape)
+        wanted = weigh_cost(variance, cost, scatter)
+        foretold = weigh_cost(
+            leave_out(variance, scatter.variance, own), leave_out(cost, scatter.cost, own, least=1.0), scatter
+        )
+    share = choose_share(scatter.variance, foretold, 1.0 - 2.0 / np.sqrt(pilot))
+    return np.minimum(1.0 - share + share * wanted, LARGEST_DENSITY) if share else np.ones(len(wanted))
+
+
+def weigh_cost(variance: Floats, cost: Floats, scatter: Scatter) -> Numbers:
+    """Return (n,) sqrt(v / c) of v and c (h, w), scaled to the cost of even samples; nan where nothing is known."""
+    wanted = np.sqrt(variance / cost).ravel()
     total = float((wanted * scatter.cost).sum())  # no product: BLAS rounds it in its processor's way
-    if not 0.0 < total < np.inf:
-        return np.ones(len(wanted))
-    share = 1.0 - 2.0 / np.sqrt(pilot)
-    return np.minimum(1.0 - share + share * wanted * (scatter.cost.sum() / total), MOST_SAMPLES)
+    return wanted * (scatter.cost.sum() / total) if 0.0 < total < np.inf else np.full(len(wanted), np.nan)
+
+
+def leave_out(shared: Floats, values: Numbers, own: Floats, least: float = 0.0) -> Floats:
+    """Return what neighbors alone say (h, w), of `shared` with the weight `own` of each pixel's value (n,) itself.
+
+    least : below which no value is: what rounding takes away
+    """
+    others = shared - own * values.reshape(shared.shape)
+    return np.maximum(np.divide(others, 1.0 - own, out=np.full_like(others, least), where=own < 1.0), least)
+
+
+def choose_share(variance: Numbers, foretold: Numbers, largest: float) -> float:
+    """Return the share s, up to the largest, for which the sum of v / (1 - s + s w) is least; 0 where little is gained.
+
+    variance, foretold : (n,) v of each pixel, and w without it
+
+    Examples
+    --------
+    >>> choose_share(np.array([1.0, 9.0]), np.array([0.5, 1.5]), 0.5)  # neighbors tell
+    0.5
+    >>> choose_share(np.array([1.0, 9.0]), np.array([1.5, 0.5]), 0.5)  # they do not
+    0.0
+    """
+    even = float(variance.sum())
+    if not (np.isfinite(even) and np.isfinite(foretold).all()):
+        return 0.0
+    shares = largest * PARTS_OF_SHARE
+    sums = [float((variance / (1.0 - share + share * foretold)).sum()) for share in shares]
+    best = int(np.argmin(sums))
+    return float(shares[best]) if even > LEAST_GAIN * sums[best] else 0.0

@@ -17,7 +17,7 @@ EndedBy = Literal["samples", "error", "time", "cancelled"]
 # With fewer samples, rare light may have been missed everywhere, and the error seems small.
 FEWEST_SAMPLES = 16
 # The error is told anew after 5% more samples: less often than it changes, which makes a lucky moment less likely.
-MORE_SAMPLES = 1.05
+LOOK_GROWTH = 1.05
 # How the error falls with the number of samples, as c n^-p: what the remaining time is told from.
 USUAL_POWER = 0.6
 
@@ -36,7 +36,7 @@ class Ending:
         self._started = started
         self._share = 0.0
         self._next_look = round_up(settings.min_samples or FEWEST_SAMPLES)
-        self._look_after(done)
+        self._plan_look(done)
 
     @property
     def looks_at_error(self) -> bool:
@@ -55,14 +55,14 @@ class Ending:
         if film.samples < self._next_look:
             return False
         error = film.error
-        self._look_after(film.samples)
+        self._plan_look(film.samples)
         needed = film.samples * (error / target) ** (1.0 / USUAL_POWER)
         self._expected = int(min(max(needed, film.samples), self.sweeps))
         return error <= target
 
-    def _look_after(self, done: int) -> None:
+    def _plan_look(self, done: int) -> None:
         while self._next_look <= done:
-            self._next_look = round_up(max(self._next_look + 2, int(self._next_look * MORE_SAMPLES)))
+            self._next_look = round_up(max(self._next_look + 2, int(self._next_look * LOOK_GROWTH)))
 
     def _is_late(self, done: int) -> bool:
         """True where another sweep would take longer than there is time."""

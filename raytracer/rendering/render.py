@@ -23,8 +23,8 @@ from raytracer.integrator.integrator import catches_shadows
 from raytracer.integrator.settings import FREE_SETTINGS, Settings, check_integer
 from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers
-from raytracer.rendering.adaptive import AdaptivePlan, add_listed
-from raytracer.rendering.allocation import measure_pilot
+from raytracer.rendering.adaptive import AdaptivePlan, add_listed, check_counts
+from raytracer.rendering.allocation import choose_pilot
 from raytracer.rendering.blocks import (
     SWEEP_GROWTH,
     Block,
@@ -138,7 +138,12 @@ def prepare_film(
         settings = replace(settings, interleaving=film.interleaving)
     window = make_window(scene, width, height, settings)
     new = begin_film(scene, window, settings)
-    return continue_film(film, new) if film else new, window
+    if film is None:
+        return new, window
+    film = continue_film(film, new)
+    if film.pilot:
+        check_counts(film, window, settings.seed)
+    return film, window
 
 
 def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
@@ -160,7 +165,7 @@ def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
         catches=catches_shadows(derive_features(scene), settings),
         interleaving=window.interleaving,
         exposure=settings.exposure,
-        pilot=measure_pilot(sweeps) if is_adaptive else 0,
+        pilot=choose_pilot(sweeps) if is_adaptive else 0,
         total=sweeps,
         left=window.x_min,
         bottom=window.y_min,

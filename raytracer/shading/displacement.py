@@ -28,7 +28,7 @@ from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Mesh
 from raytracer.shading.evaluate import evaluate, find_needed, list_attributes
 from raytracer.shading.site import Site
-from raytracer.shading.site_tables import make_site_tables
+from raytracer.shading.site_tables import UNDISPLACED, make_site_tables
 from raytracer.surfaces.surface import Surface, make_surface
 from raytracer.surfaces.surface_tables import make_surface_tables
 
@@ -69,7 +69,8 @@ def displace(scene: Scene, displacements: Mapping[int, Displacement], vertex_nor
         for bends in (True, False)
     )
     normals = _bend_normals(mesh, positions, bent, kept, smooth)
-    return dataclasses.replace(mesh, positions=positions, normals=normals)
+    attributes = {**mesh.attributes, **({UNDISPLACED: mesh.positions} if kept.any() else {})}
+    return dataclasses.replace(mesh, positions=positions, normals=normals, attributes=attributes)
 
 
 def _find_ways(

@@ -19,7 +19,7 @@ from raytracer.film.camera import find_on_film
 from raytracer.lecture import cross, dot
 from raytracer.shading.light_path import LightPath
 from raytracer.shading.occlusion import Probe
-from raytracer.shading.site_tables import TANGENT, CameraView, SiteTables
+from raytracer.shading.site_tables import TANGENT, UNDISPLACED, CameraView, SiteTables
 from raytracer.surfaces.surface import Surface
 from raytracer.surfaces.surface_tables import gather_corners
 
@@ -256,6 +256,16 @@ class Site:
     @property
     def probe(self) -> Probe | None:
         return None if self.path is None else self.path.probe
+
+    def put_back(self) -> Site:
+        """Return the site where its surface was before it was displaced; as it is where nothing says so."""
+        moved = np.flatnonzero(self.has_attribute(UNDISPLACED))
+        if not len(moved):
+            return self
+        place, position = self.read_attribute(UNDISPLACED)[:, :3], self.position.copy()
+        matrices = self._of_objects(self.tables.geometry.world_from_object, np.eye(4))
+        position[moved] = transform_points(matrices[moved], place[moved])
+        return replace(self, surface=replace(self.surface, position=position))
 
     def shift(self, offset: Floats) -> Site:
         """Return the site moved by (n, 3) metres within the plane of each triangle: position and barycentric weights.

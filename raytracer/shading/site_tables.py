@@ -21,6 +21,8 @@ from raytracer.textures.image import map_sphere
 TANGENT = "tangent "
 # A mesh's own coordinates, and the undeformed places of its vertices, which stand in for them where it has none.
 OWN_UV, UNDEFORMED = "uv", "undeformed"
+# Where the vertices of a displaced mesh were, in object space, if what displaced it also bends its normals.
+UNDISPLACED = "undisplaced position"
 
 # Within which a panorama's picture is taken for even, radians.
 SMALL_ANGLE = 1e-3

@@ -1,9 +1,9 @@
 """The time that each engine takes to the same error: ours against Cycles on the CPU, one thread each, the same light.
 
-Every scene is rendered with direct light and with paths, by ours, by Cycles, and by Cycles with its adaptive sampling,
+Every scene is rendered with direct light and with paths, by ours and by Cycles, both also with their adaptive sampling,
 with more and more samples, several times each; the engines take turns. Times are compared at the smallest error that
-both have reached: nothing is extrapolated. The error is noise; what adaptive sampling leaves out by stopping early is a
-bias, which it does not show.
+both have reached: nothing is extrapolated. The error is noise; what Cycles' adaptive sampling leaves out by stopping
+early is a bias, which it does not show.
 
 References
 ----------
@@ -30,8 +30,16 @@ from tests.benchmarks.pictures import CYCLES, HEIGHT, OURS, SCENES, WIDTH, fit_l
 
 # A choice of scenes for a quicker report.
 SMALL = ("cornell_box", "hard_shadows", "penumbra", "plane_and_spheres", "glass", "still_life", "terrain", "hdri")
-ADAPTIVE = "Cycles adaptive"
-CONTENDERS = (OURS, CYCLES, ADAPTIVE)
+OURS_ADAPTIVE = "raytracer adaptive"
+CYCLES_ADAPTIVE = "Cycles adaptive"
+CONTENDERS = (OURS, OURS_ADAPTIVE, CYCLES, CYCLES_ADAPTIVE)
+# What the table compares: the time of the first over that of the second.
+COMPARED = {
+    CYCLES: (CYCLES, OURS),
+    CYCLES_ADAPTIVE: (CYCLES_ADAPTIVE, OURS),
+    "both adaptive": (CYCLES_ADAPTIVE, OURS_ADAPTIVE),
+    "ours uniform over adaptive": (OURS, OURS_ADAPTIVE),
+}
 LIGHTS = {"direct": "DIRECT", "path": "PATH"}
 # Samples grow from here, by so many times.
 FEWEST, STEP = 4, 4
@@ -132,31 +140,37 @@ def render_once(scene, view_layer, contender, samples, seed):
     set_samples(scene, samples)
     width, height = scene.render.resolution_x, scene.render.resolution_y
     request = rendering.Request(width, height, samples, max_bounces=0, seed=seed)
-    engine = rendering.ENGINE if contender == OURS else rendering.CYCLES
-    with adaptive_sampling(scene.cycles, samples) if contender == ADAPTIVE else nullcontext():
+    engine = rendering.ENGINE if contender in (OURS, OURS_ADAPTIVE) else rendering.CYCLES
+    with sample_adaptively(scene, contender, samples):
         started = time.process_time()
         rendered = rendering.render_batches(scene, view_layer, engine, request)
         seconds = time.process_time() - started
     return seconds, rendered.passes["Combined"][0, ..., :3]
 
 
-def adaptive_sampling(cycles, samples):
-    """Return a context in which Cycles samples as it does by default: up to `samples`, its first ones, adaptively."""
+def sample_adaptively(scene, contender, samples):
+    """Return a context in which adaptive contenders sample as they do by default: Cycles the first ones of `samples`,
+    up to all of them."""
     from addon.compare.cycles.rendering import changed
 
-    whole = {"use_sample_subset": False} if hasattr(cycles, "use_sample_subset") else {}
+    if contender == OURS_ADAPTIVE:
+        return changed(scene.reference_raytracer, use_adaptive_sampling=True)
+    if contender != CYCLES_ADAPTIVE:
+        return nullcontext()
+    whole = {"use_sample_subset": False} if hasattr(scene.cycles, "use_sample_subset") else {}
     return changed(
-        cycles, samples=samples, use_adaptive_sampling=True, adaptive_threshold=0.0, adaptive_min_samples=0,
+        scene.cycles, samples=samples, use_adaptive_sampling=True, adaptive_threshold=0.0, adaptive_min_samples=0,
         sample_offset=0, **whole,
     )  # fmt: skip
 
 
 def describe_renders(renders):
-    """Return the curves of all contenders, and the ratios of Cycles' times over ours, of the renders of one scene."""
+    """Return the curves of all contenders, and the ratios of times in COMPARED, of the renders of one scene."""
     curves = {contender: describe_curve(own) for contender, own in renders.items()}
     lefts = {contender: [leave_one_out(each.pictures) for each in own] for contender, own in renders.items()}
     ratios = {
-        other: {name: compare_contenders(curves, lefts, other, name) for name in SHARES} for other in (CYCLES, ADAPTIVE)
+        title: {name: compare_contenders(curves, lefts, pair, name) for name in SHARES}
+        for title, pair in COMPARED.items()
     }
     return {"curves": curves, "ratios": ratios}
 
@@ -186,18 +200,19 @@ def describe_curve(renders):
     }
 
 
-def compare_contenders(curves, lefts, other, name):
-    """Return error, ratio of seconds and its standard error (of the logarithm), or None: a contender over ours.
+def compare_contenders(curves, lefts, pair, name):
+    """Return error, ratio of seconds and its standard error (of the logarithm), or None: the first of a pair over the
+    second.
 
     lefts : contender -> for each number of samples the errors without one of the renders
     """
-    ours, theirs = ((curves[one]["errors"][name], curves[one]["seconds"]) for one in (OURS, other))
-    compared = compare_seconds(ours, theirs)
+    first, second = ((curves[one]["errors"][name], curves[one]["seconds"]) for one in pair)
+    compared = compare_seconds(second, first)
     if compared is None:
         return None
     count = len(lefts[OURS][0][name])
     without = [
-        compare_seconds(*(([left[name][k] for left in lefts[one]], curves[one]["seconds"]) for one in (OURS, other)))
+        compare_seconds(*(([left[name][k] for left in lefts[one]], curves[one]["seconds"]) for one in pair[::-1]))
         for k in range(count)
     ]
     logarithms = [np.log(each[1]) for each in without if each is not None]

@@ -6,6 +6,7 @@ import statistics
 
 import matplotlib
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from tests.benchmarks.tables import pool, pool_failures, reduce
 from tests.benchmarks.truth import bound_rate
@@ -136,6 +137,10 @@ def plot_equal_error(numbers, path, caption):
             (line,) = axes.plot(curve["seconds"], curve["errors"]["all"], marker="o", markersize=3, label=engine)
             axes.plot(curve["seconds"], curve["errors"]["without 1%"], linestyle="--", color=line.get_color())
         axes.set(xscale="log", yscale="log")
+        for axis, steps in ((axes.xaxis, (1.0, 3.0)), (axes.yaxis, (1.0, 2.0, 5.0))):  # within a decade all were named
+            axis.set_major_locator(LogLocator(subs=steps))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
         axes.set_title(f"{row['scene']}, {row['light']}", fontsize=9)
         axes.grid(alpha=0.3)
     for axes in panels[len(rows) :]:

@@ -9,6 +9,7 @@ from tests.benchmarks.peers_blender import BVH_TREE, SCENE
 from tests.benchmarks.peers_libraries import OPEN3D
 from tests.benchmarks.peers_nodes import RAYCAST
 from tests.benchmarks.peers_ours import CERTIFIED, FLOAT64
+from tests.benchmarks.pictures import CYCLES
 from tests.benchmarks.truth import bound_rate, count_failures
 
 NOTHING = "-"
@@ -17,9 +18,8 @@ COUNTS = ("false_misses", "false_hits", "wrong_primitives")
 
 def write_tables(numbers):
     """Return all tables that there are numbers for."""
-    return "\n".join(
-        [*describe_run(numbers), *write_accuracy(numbers), *write_speed(numbers), *write_pictures(numbers)]
-    )
+    writers = (describe_run, write_accuracy, write_speed, write_equal_error, write_pictures)
+    return "\n".join(line for write in writers for line in write(numbers))
 
 
 def describe_run(numbers):
@@ -66,8 +66,8 @@ def write_speed(numbers):
 
 
 def write_pictures(numbers):
-    """Return the lines of the sections that render pictures."""
-    lines = write_equal_error(numbers.get("equal_error") or [])
+    """Return the lines of the sections that render pictures with ours alone, or few of Cycles'."""
+    lines = []
     for section, title, header, cells in PICTURE_TABLES:
         rows = numbers.get(section)
         if rows:
@@ -75,21 +75,35 @@ def write_pictures(numbers):
     return lines
 
 
-def write_equal_error(rows):
-    """Return the lines of section equal_error: ratios, and what they come from."""
+def write_equal_error(numbers):
+    """Return the lines of section equal_error: ratios, their means, and what they come from."""
+    rows = numbers.get("equal_error")
     if not rows:
         return []
-    engines = list(rows[0]["ratios"])
+    titles, shares = (list(level) for level in (rows[0]["ratios"], rows[0]["ratios"][CYCLES]))
     ratios = [
-        [row["scene"], row["light"], name, *(show_compared(row["ratios"][engine][name]) for engine in engines)]
+        [row["scene"], row["light"], name, *(show_compared(row["ratios"][title][name]) for title in titles)]
         for row in rows
-        for name in row["ratios"][engines[0]]
+        for name in shares
+    ]
+    means = [
+        ["all", light, name, *(show_means([row["ratios"][title][name] for row in own]) for title in titles)]
+        for light, own in group_by(rows, "light").items()
+        for name in shares
     ]
     curves = [show_curve(row, engine, curve) for row in rows for engine, curve in row["curves"].items()]
+    header = ("scene", "light", "pixels", *titles)
     return [
-        "## Time over ours at equal error", "", *make_table(("scene", "light", "pixels", *engines), ratios), "",
+        "## Time over ours at equal error", "", *make_table(header, ratios), "",
+        "## Geometric means, and the least", "", *make_table(header, means), "",
         "## Error and cost by samples", "", *make_table(CURVES, curves), "",
     ]  # fmt: skip
+
+
+def group_by(rows, name):
+    """Return value of a field -> rows, in their order."""
+    values = dict.fromkeys(row[name] for row in rows)
+    return {value: [row for row in rows if row[name] == value] for value in values}
 
 
 # Cells --------------------------------------------------------------------------------------------------------------
@@ -115,6 +129,14 @@ def show_compared(compared):
         return NOTHING
     spread = "" if compared["spread"] is None else f" +- {compared['spread']:.0%}"
     return f"{compared['ratio']:.2f}{spread} at {compared['error']:.2%}"
+
+
+def show_means(compared):
+    """The geometric mean of ratios, the least of them, and how many there are; a dash for none."""
+    ratios = [each["ratio"] for each in compared if each is not None]
+    if not ratios:
+        return NOTHING
+    return f"{statistics.geometric_mean(ratios):.2f}, least {min(ratios):.2f}, of {len(ratios)}"
 
 
 def show_curve(row, engine, curve):

@@ -2,7 +2,7 @@
 
 BLENDER_WINDOW names the command that opens Blender with a screen, such as `blender` on a desktop, or
 `xvfb-run -a -s "-screen 0 1600x1000x24" blender`. It takes ImageMagick's `import` for the pictures, which stay in the
-test's temporary folder: look at them.
+test's temporary folder: look at them; and xdotool for the key that stops a render.
 """
 
 from __future__ import annotations
@@ -19,24 +19,28 @@ import pytest
 from tests.folders import ROOT
 
 COMMAND = shlex.split(os.environ.get("BLENDER_WINDOW", ""))
-OPTIONS = ("--window-geometry", "0", "0", "1600", "1000", "--factory-startup", "--enable-event-simulate")
+OPTIONS = ("--window-geometry", "0", "0", "1600", "1000", "--factory-startup")
 SMALLEST_PICTURE = 20_000  # bytes; a black screen has fewer
 
 pytestmark = pytest.mark.skipif(not COMMAND, reason="set BLENDER_WINDOW to a command that opens Blender's window")
 
 
-def drive(script: str, folder: Path, blend: str = "still_life.blend") -> dict[str, Any]:
-    """Run a script of this folder in Blender's window; return what it recorded."""
+def drive(script: str, folder: Path, blend: str = "still_life.blend", simulates: bool = True) -> dict[str, Any]:
+    """Run a script of this folder in Blender's window; return what it recorded.
+
+    simulates : True where the script makes events; Blender takes no others then
+    """
     command = [
         *COMMAND,
         *OPTIONS,
+        *(["--enable-event-simulate"] if simulates else []),
         ROOT / "blend_scenes" / blend,
         "-P",
         ROOT / "tests" / "windows" / script,
         "--",
         folder,
     ]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, timeout=300)
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, timeout=600)
     output = done.stdout + done.stderr
     assert done.returncode == 0, output
     assert "Traceback" not in output, output
@@ -101,3 +105,22 @@ def test_the_scanner_scans_and_undo_takes_it_back(tmp_path: Path) -> None:
     assert name == "Scan"
     assert count > 10_000
     assert report["after_undo"] is False
+
+
+def test_bakes_lines_and_both_eyes_come_and_panels_say_what_is_missing(tmp_path: Path) -> None:
+    report = drive("finish.py", tmp_path)
+    assert report["bake"] == ["RUNNING_MODAL"]
+    assert report["mean_Bake"] > 0.05
+    assert report["warnings"] == []
+
+
+def test_a_stopped_render_is_resumed_and_the_viewport_uses_all_workers(tmp_path: Path) -> None:
+    report = drive("resume.py", tmp_path, simulates=False)
+    assert report["could_resume_before"] is False
+    samples, is_cancelled, can_resume = report["stopped"]
+    assert samples < 24
+    assert is_cancelled
+    assert can_resume
+    assert report["finished"] == [24, False, False]
+    assert report["viewport_processes"] >= 2
+    assert report["viewport_status"].startswith("Sample 1/1")

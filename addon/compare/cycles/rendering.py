@@ -169,6 +169,7 @@ def matched_settings(scene: Any, view_layer: Any, request: Request) -> Iterator[
         "workers": 1,
         "exposure": 1.0,
         "use_checkpoints": False,
+        "use_denoising": False,
         "pixel_filter": request.pixel_filter,
         "filter_width": request.filter_width,
     }

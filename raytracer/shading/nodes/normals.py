@@ -18,6 +18,7 @@ from raytracer.lecture import cross, dot
 from raytracer.scene.programs import Program
 from raytracer.shading.nodes.operation import Array, Operation, mix, saturate, spread
 from raytracer.shading.site import Site
+from raytracer.shading.site_tables import UNDISPLACED
 
 
 def map_normal(site: Site, strength: Any, color: Any, *, space: str, name: str, invert_green: bool) -> Array:
@@ -69,13 +70,13 @@ def bump(
     The height's slope is a difference over `filter_width` pixels along two directions in the flat surface; it is a
     program, which `evaluate` runs at three places.
 
-    of_object : True measures slopes in the object's space, as for what also moves its geometry
+    of_object : True measures slopes in the object's space, of the height where the surface was before it was displaced
     """
     count = len(site)
     along, across = pixel_axes(site)
     width = spread(np.broadcast_to(np.asarray(filter_width, float), (count,)))
     centre, right, up = (
-        np.broadcast_to(evaluate(height, place), (count,))
+        np.broadcast_to(evaluate(height, place.put_back() if of_object else place), (count,))
         for place in (site, site.shift(along * width), site.shift(across * width))
     )
     normal = np.broadcast_to(np.asarray(normal, float), (count, 3))
@@ -171,6 +172,7 @@ OPERATIONS = {
         reads_site=True,
         runs_programs=True,
         links=_NORMAL,
+        attributes=lambda settings: (UNDISPLACED,) if settings.get("of_object") else (),
     ),
     "DISPLACEMENT": Operation(
         displace,

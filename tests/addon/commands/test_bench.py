@@ -372,10 +372,11 @@ def test_report_writes_tables_and_plots(tmp_path: Path) -> None:
     ]
     written = write_report(numbers, tmp_path / "report")
     names = ["error_against_time.png", "failures.png", "accuracy.md", "speed.png", "speed.md"]
-    names += ["convergence.png", "equal_error.png", "pictures.md"]
+    names += ["equal_error.png", "equal_error.md", "convergence.png", "pictures.md"]
     assert [path.name for path in written] == names
     assert all(path.stat().st_size > 0 for path in written)
-    text = (tmp_path / "report" / "pictures.md").read_text(encoding="utf-8")
+    text = (tmp_path / "report" / "equal_error.md").read_text(encoding="utf-8")
     assert "| box | path | without 5% | 0.50 +- 3% at 1.20% | - |" in text
+    assert "| all | path | without 5% | 0.50, least 0.50, of 1 | - |" in text
     assert "| box | path | raytracer | 4 to 16 | 4.00% to 2.00% | 0.50 | 0.50 | - | 25% | 3.5 | 0.25 | 1.5 |" in text
     assert "| box, camera | 1.5 |" in (tmp_path / "report" / "speed.md").read_text(encoding="utf-8")

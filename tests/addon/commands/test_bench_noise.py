@@ -89,6 +89,7 @@ def test_a_scene_is_described_by_curves_and_ratios() -> None:
     """Half of the noise for the same samples, at the same cost of each: a quarter of the samples. Nothing adaptive."""
     renders = {
         "raytracer": make_renders(0.2, 0.1),
+        "raytracer adaptive": make_renders(0.1, 0.1),
         "Cycles": make_renders(0.1, 0.1),
         "Cycles adaptive": make_renders(0.001, 0.1),
     }
@@ -103,6 +104,10 @@ def test_a_scene_is_described_by_curves_and_ratios() -> None:
         assert compared["ratio"] == pytest.approx((0.5 + 1.6) / (0.5 + 6.4), rel=0.04)
         assert 0 < compared["spread"] < 0.05
         assert row["ratios"]["Cycles adaptive"][name] is None, "no error that both have reached"
+        assert row["ratios"]["both adaptive"][name] is None
+        # The same renders as Cycles': our uniform time over our adaptive one is the inverse of Cycles' over ours.
+        own = row["ratios"]["ours uniform over adaptive"][name]
+        assert own["ratio"] == pytest.approx(1 / compared["ratio"])
     assert (curve["start"], curve["microseconds"]) == pytest.approx((0.5, 1e6 * 0.1 / 10_000))
     assert curve["noise_in_1%"] == pytest.approx(0.01, abs=0.02)
     assert json.loads(json.dumps(row)) == row
@@ -137,5 +142,5 @@ def test_a_small_scene_is_measured_and_shown() -> None:
     # Diffuse reflection is followed in the second row: another picture, of another noise.
     first, second = (row["curves"]["Cycles"]["errors"]["all"][-1] for row in rows)
     assert abs(second / first - 1) > 0.1
-    text = "\n".join(tables.write_equal_error(rows))
-    assert text.count("penumbra") == 2 * 3 + 2 * 3
+    text = "\n".join(tables.write_equal_error({"equal_error": rows}))
+    assert text.count("penumbra") == 2 * 3 + 2 * 4

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from addon.engine import engine
+from addon.engine import progress
 from addon.engine.statistics import last_render
 from addon.versions import set_image_format
 from raytracer.processes.workers import WorkerError
@@ -173,16 +173,6 @@ def test_two_scenes_of_one_session_stay_apart(stage: Any, tmp_path: Path) -> Non
     assert last_render(other).triangles == 2
 
 
-def test_stereoscopy_shows_the_same_picture_and_a_warning(stage: Any, tmp_path: Path) -> None:
-    stage.render.use_multiview = True
-    stage.render.image_settings.views_format = "INDIVIDUAL"
-    stage.render.filepath = str(tmp_path / "a.png")
-    bpy.ops.render.render(write_still=True)
-    assert any("Stereoscopy" in warning.text for warning in last_render(stage).warnings)
-    left, right = ((tmp_path / f"a_{view}.png").read_bytes() for view in "LR")
-    assert left == right
-
-
 def test_statistics_tell_what_the_render_took(stage: Any, tmp_path: Path) -> None:
     render_pass(stage, tmp_path / "a.exr")
     statistics = last_render(stage)
@@ -212,26 +202,26 @@ def test_status_tells_samples_error_and_time_left(monkeypatch: pytest.MonkeyPatc
     seen = SimpleNamespace(
         layers_done=0, update_stats=lambda _, text: texts.append(text), update_progress=lambda share: None
     )
-    monkeypatch.setattr(engine, "TEXT_INTERVAL", 0.0)
-    monkeypatch.setattr(engine, "ERROR_SHARE", 1e-9)
-    progress = engine.Progress(seen, SimpleNamespace(), 1)
-    progress.show_share(0.25)
-    progress.show_pass(SimpleNamespace(samples=12, error=0.0234), 12, 64)
-    progress.show_share(0.5)
+    monkeypatch.setattr(progress, "TEXT_INTERVAL", 0.0)
+    monkeypatch.setattr(progress, "ERROR_SHARE", 1e-9)
+    shown = progress.Progress(seen, SimpleNamespace(), 1)
+    shown.show_share(0.25)
+    shown.show_pass(SimpleNamespace(samples=12, error=0.0234), 12, 64)
+    shown.show_share(0.5)
     assert texts[0] == "Tracing"
     assert texts[1].startswith("Sample 12/64 | error 2.3% | remaining 00:0")
-    progress.show_pass(SimpleNamespace(samples=13, error=0.5), 13, 64)
-    assert progress._error == "error 2.3% | "  # to tell it anew at once would take more than its share of the time
+    shown.show_pass(SimpleNamespace(samples=13, error=0.5), 13, 64)
+    assert shown._error == "error 2.3% | "  # to tell it anew at once would take more than its share of the time
 
 
 def test_progress_rises_to_one_over_all_view_layers(stage: Any, tmp_path: Path) -> None:
     stage.view_layers.new("Second")
     shares: list[float] = []
-    engine.progress_listeners.append(shares.append)
+    progress.progress_listeners.append(shares.append)
     try:
         render_pass(stage, tmp_path / "a.exr")
     finally:
-        engine.progress_listeners.remove(shares.append)
+        progress.progress_listeners.remove(shares.append)
     assert shares == sorted(shares)
     assert {0.5, 1.0} <= set(shares)
 

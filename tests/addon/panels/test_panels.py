@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ from addon import handlers, inspector, panels, properties, versions
 from addon.compare import window
 from addon.engine import statistics
 from addon.extract.warnings import Warning
-from addon.panels import built_in, last_render, presets, render, resume, scene_data, view_layer
+from addon.panels import bake, built_in, last_render, presets, render, resume, scene_data, view_layer
 from addon.passes import MATTE_OPTIONS, PASSES, enable_passes, enabled_passes, find_pass, list_options
 from addon.properties import ENGINE
 from raytracer.film import passes
@@ -142,7 +143,8 @@ def test_every_setting_is_drawn_once_and_explained(empty_scene: Any, registered:
     chosen = [panel for panel in render.CLASSES if panel is not render.RAYTRACER_RENDER_PT_simplify]
     assert "Workers: " in " ".join(draw(render.RAYTRACER_RENDER_PT_performance).texts)
     empty_scene.reference_raytracer.workers_mode = "FIXED"
-    drawn = [name for panel in chosen for name in draw(panel).names]
+    drawn = [name for panel in chosen for name in draw(panel).names] + ["bake_type"]
+    assert "bake_type" in draw(bake.RAYTRACER_RENDER_PT_bake).names
     own = [
         item
         for item in empty_scene.reference_raytracer.bl_rna.properties
@@ -258,7 +260,8 @@ def test_light_groups_are_listed_and_given_to_objects_and_the_world(empty_scene:
 def test_light_panel_draws_every_kind_of_light(empty_scene: Any, registered: None, kind: str) -> None:
     light = bpy.data.lights.new("Light", kind)
     names = draw(scene_data.RAYTRACER_LIGHT_PT_tracing, light=light).names
-    assert names == ["use_shadow", "spread"] if kind == "AREA" else ["use_shadow"]
+    expected = ["use_shadow", "spread"] if kind == "AREA" else ["use_shadow"]
+    assert names == [*expected, *(["max_bounces"] if hasattr(light, "cycles") else [])]
 
 
 def test_world_and_light_panels_draw_their_nodes(empty_scene: Any, registered: None) -> None:
@@ -276,6 +279,7 @@ def test_world_and_light_panels_draw_their_nodes(empty_scene: Any, registered: N
         assert draw(panel, **{name: owner}).texts == ["No output node"]
     names = draw(scene_data.RAYTRACER_WORLD_PT_ray_visibility, world=world).names
     assert names == ["camera", "diffuse", "glossy", "transmission"]
+    assert draw(scene_data.RAYTRACER_WORLD_PT_settings, world=world).names == ["max_bounces"]
 
 
 def record_statistics(scene: Any, **changes: Any) -> statistics.Statistics:
@@ -303,6 +307,8 @@ def test_statistics_panel_shows_the_error_and_what_ended_the_render(empty_scene:
     record_statistics(empty_scene, ended_by="error", **known)
     texts = draw(last_render.RAYTRACER_RENDER_PT_statistics).texts
     assert {"8 (noise threshold)", "2.3% (2.2% to 2.5%)", "1.1%", "3 pixels hold it"} <= set(texts)
+    record_statistics(empty_scene, **{**known, "error_interval": (0.0, math.inf)})
+    assert "2.3% (any)" in draw(last_render.RAYTRACER_RENDER_PT_statistics).texts
     record_statistics(empty_scene, ended_by="time")
     assert "8 (time limit)" in draw(last_render.RAYTRACER_RENDER_PT_statistics).texts
 

@@ -114,3 +114,26 @@ def test_an_instancer_is_shown_as_its_settings_say(empty_scene: Any) -> None:
 def test_a_selection_that_is_none_is_refused(empty_scene: Any, options: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         name_first(**options)
+
+
+def test_while_rendering_a_handler_can_hit_what_viewports_disable(pile: dict[str, Any], registered_addon: None) -> None:
+    """Blender lends the depsgraph of a render to handlers of frame_change_post."""
+    scene = bpy.context.scene
+    pile["High"].hide_viewport = True
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.render.engine = "REFERENCE_RAYTRACER"
+    scene.reference_raytracer.samples = scene.reference_raytracer.workers = 1
+    scene.render.resolution_x = scene.render.resolution_y = 8
+    hit: dict[str, str] = {}
+
+    def note(_: Any, depsgraph: Any) -> None:
+        cast = ray_cast(depsgraph, (0.25, 0.5, 9.0), DOWN, visibility="render")
+        hit[depsgraph.mode] = cast.objects[cast.object[0]].name
+
+    bpy.app.handlers.frame_change_post.append(note)
+    try:
+        bpy.ops.render.render()
+    finally:
+        bpy.app.handlers.frame_change_post.remove(note)
+    assert hit == {"RENDER": "High", "VIEWPORT": "Middle"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import signal
 import subprocess
 import sys
@@ -12,8 +13,9 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer.commands import render as render_command
 from raytracer.commands.command_line import main
-from raytracer.film.error import format_error
+from raytracer.film.error import format_error, format_interval
 from tests.folders import ROOT
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
 
@@ -183,7 +185,8 @@ def test_a_render_ends_at_an_error_wherever_it_was_stopped_before(tmp_path: Path
     assert same(film, expect(64, error=bound))
     capsys.readouterr()
     assert main(["info", str(output)]) == 0
-    assert f"error: {format_error(film.error)}" in capsys.readouterr().out
+    told = f"error: {format_error(film.error)} ({format_interval(film.error_interval)})"
+    assert told in capsys.readouterr().out
     assert main([*options[:-1], "0.0001%"]) == 0
     assert raytracer.load_film(output).samples == 64
 
@@ -196,6 +199,15 @@ def test_adaptive_samples_and_time_limits_reach_the_render(tmp_path: Path, scene
     output.unlink()
     assert main([*options, "--samples", "4000", "--seconds", "0.2"]) == 0
     assert raytracer.load_film(output).ended_by == "time"
+
+
+@pytest.mark.parametrize(("options", "samples"), [((), 8), (("--error", "1%"), 4096), (("--samples", "3"), 3)])
+def test_an_error_without_a_number_of_samples_may_take_many(options: tuple[str, ...], samples: int) -> None:
+    parser = argparse.ArgumentParser()
+    render_command.add_arguments(parser)
+    arguments = parser.parse_args(["scene.npz", "-o", "film.npz", *options])
+    found = {"width": 4, "height": 3, "samples": 8}
+    assert render_command.choose_keywords(found, arguments)["samples"] == samples
 
 
 @pytest.mark.parametrize("text", ["0", "100%", "-1%", "1 %", "a", "1e-3"])

@@ -10,6 +10,7 @@ from raytracer.film.error import (
     measure_error,
     share_with_neighbors,
     spread_ratio,
+    student_quantile,
 )
 from raytracer.film.film import Film
 
@@ -152,13 +153,50 @@ def test_degrees_of_freedom_are_the_number_of_even_pixels(rng):
     assert count_freedom(squares, WIDTH, 0) == pytest.approx(PIXELS, rel=0.25)
 
 
-def test_pixels_that_are_wrong_together_count_less(rng):
-    """Four sets of pixels, each of which shares one error: never more than a dozen degrees of freedom."""
+@pytest.mark.parametrize("side", [2, 3, 4])
+def test_pixels_that_are_wrong_together_count_less(rng, side):
+    """Sets of pixels, each of which shares one error: about as many degrees of freedom as sets, not as pixels."""
     row, column = np.divmod(np.arange(PIXELS), WIDTH)
-    member = row % 2 * 2 + column % 2
-    freedoms = [count_freedom(rng.chisquare(1, 4)[member], WIDTH, 2) for _ in range(200)]
-    assert np.median(freedoms) < 12
-    assert np.median([count_freedom(rng.chisquare(1, PIXELS), WIDTH, 2) for _ in range(200)]) > PIXELS / 4
+    member = row % side * side + column % side
+    freedoms = [count_freedom(rng.chisquare(1, side**2)[member], WIDTH, side) for _ in range(200)]
+    assert np.median(freedoms) < 3 * side**2
+    assert np.median([count_freedom(rng.chisquare(1, PIXELS), WIDTH, side) for _ in range(200)]) > PIXELS / 4
+
+
+@pytest.mark.parametrize("side", [1, 2, 3, 4])
+def test_interval_holds_the_error_of_pixels_that_are_wrong_together(rng, side):
+    """At least 93% of 400 pictures, give or take three deviations: no less can be known than one number of a set."""
+    row, column = np.divmod(np.arange(PIXELS), WIDTH)
+    member, held = row % side * side + column % side, 0
+    for _ in range(400):
+        noise = rng.normal(size=(2, side**2))[:, member]
+        film = fill(np.repeat(5.0 + noise[..., np.newaxis], 4, axis=2), interleaving=side)
+        low, high = film.error_interval
+        held += low <= measure_truth(film) <= high
+    assert held / 400 > 0.93 - 3 * np.sqrt(0.93 * 0.07 / 400)
+
+
+def test_an_error_that_all_pixels_share_has_no_upper_bound_and_says_so(rng):
+    found = fill(scatter(rng, 4), interleaving=1).measure_error()
+    assert found.interval == (0.0, np.inf)
+    assert found.note == "all pixels take the same points of lights (interleaving 1): the error has no upper bound"
+    assert 0 < found.error < np.inf
+    even = fill(np.full((4, PIXELS, 4), 3.0), interleaving=1).measure_error()
+    assert (even.interval, even.note) == ((0.0, 0.0), "")
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 7), (7, 1), (3, 2)])
+def test_pictures_smaller_than_the_sets_of_pixels_have_an_interval(rng, width, height):
+    film = Film(width, height, ("Combined",), interleaving=4)
+    for number in range(4):
+        film.add(slice(0, width * height), {"Combined": rng.random((width * height, 4))}, number % 2)
+    low, high = film.error_interval
+    assert 0 <= low < film.error < high
+
+
+@pytest.mark.parametrize(("freedom", "quantile"), [(3, 3.1824463), (8, 2.3060041), (15, 2.1314495), (255, 1.9693105)])
+def test_students_quantiles_are_those_of_the_tables(freedom, quantile):
+    assert student_quantile(freedom) == pytest.approx(quantile, rel=0.01 if freedom < 8 else 0.001)
 
 
 def test_neighbors_share_what_they_know():

@@ -102,9 +102,15 @@ def test_share_of_the_work_is_that_of_the_time_where_it_is_short(monkeypatch):
     assert Ending(Settings(seconds=8.0), 1000, started=0.0).estimate_share(3) == 0.75
 
 
-@pytest.mark.parametrize(("name", "value"), [("error", 0.0), ("error", -1.0), ("seconds", 0), ("seconds", "soon")])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("error", value) for value in (0.0, -1.0, np.nan, np.inf, "1%")),
+        *(("seconds", value) for value in (0, -1, np.nan, np.inf, "soon")),
+    ],
+)
 def test_limits_are_numbers_above_0(name, value):
-    with pytest.raises(ValueError, match=f"Settings: {name}: expected a"):
+    with pytest.raises(ValueError, match=f"Settings: {name}: expected a finite number above 0.*got {value!r}"):
         render(SCENE, 4, 4, **{name: value})
 
 

@@ -1,0 +1,66 @@
+"""Stereoscopy: the views of a frame, and where each looks from. A frame without it has one view, without a name.
+
+References
+----------
+Blender, source/blender/blenkernel/intern/camera.cc: BKE_camera_multiview_render, BKE_camera_multiview_model_matrix.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+import raytracer
+
+from ..extract.camera import read_camera, remove_scale
+from ..extract.warnings import Warning, WarningList
+
+
+def list_views(scene: Any) -> tuple[str, ...]:
+    """Return the names of the views that a frame of a scene has; ('',) without stereoscopy."""
+    if not scene.render.use_multiview:
+        return ("",)
+    known = {"left", "right"} if scene.render.views_format == "STEREO_3D" else None
+    return tuple(view.name for view in scene.render.views if view.use and (known is None or view.name in known))
+
+
+def look_from_view(engine: Any, view: str, scene: Any, traced: raytracer.Scene) -> raytracer.Scene:
+    """Return the scene to trace with the camera of a view in place of its own."""
+    if not view:
+        return traced
+    engine.active_view_set(view)
+    seen_from = find_camera(scene, view)
+    camera = read_camera(seen_from, scene.render, WarningList()) if seen_from != scene.camera else traced.camera
+    assert camera is not None
+    if seen_from.type == "CAMERA":
+        matrix = np.array(engine.camera_model_matrix(seen_from), dtype=np.float64)
+        shift = float(engine.camera_shift_x(seen_from))
+        camera = replace(camera, world_from_camera=remove_scale(matrix, seen_from.name), shift_x=shift)
+    return replace(traced, camera=camera)
+
+
+def find_camera(scene: Any, view: str) -> Any:
+    """Return the camera of a view: the scene's; of several cameras, the one whose name ends with the view's suffix
+    where the scene's ends with another's."""
+    camera, views = scene.camera, scene.render.views
+    if scene.render.views_format != "MULTIVIEW":
+        return camera
+    for other in views:
+        if other.camera_suffix and camera.name.endswith(other.camera_suffix):
+            name = camera.name.removesuffix(other.camera_suffix) + views[view].camera_suffix
+            return scene.objects.get(name, camera)
+    return camera
+
+
+def find_unsupported(scene: Any) -> list[Warning]:
+    """Return a warning where a panorama asks for eyes that turn with the direction they look in."""
+    camera = scene.camera
+    if not scene.render.use_multiview or camera is None or camera.type != "CAMERA" or camera.data.type != "PANO":
+        return []
+    if not camera.data.stereo.use_spherical_stereo:
+        return []
+    return [
+        Warning("Spherical Stereo is not supported: both eyes keep their places, whatever they look at", camera.name)
+    ]
