@@ -21,6 +21,7 @@ from raytracer.integrator.clamping import clamp_met
 from raytracer.integrator.denoising import add_met_guides
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_passes import add_met
+from raytracer.integrator.light_sources import GEOMETRY, LIGHT, WORLD
 from raytracer.integrator.paths import PathPasses, Paths, Wave
 from raytracer.integrator.picked_lights import LightGroup, split_by_light
 from raytracer.lecture import length
@@ -76,6 +77,7 @@ def see_background(integrator: Integrator, background: Environment, paths: Paths
         # Cycles' share of those that come from where the world is no light: it samples by the map alone.
         unlit = np.flatnonzero(sum_columns(paths.bounces) > background.max_bounces + 1)
         sampled[unlit] = map_density(background.grid, directions[unlit])
+    sampled = integrator.share_density(WORLD, sampled)
     share = power_heuristic(paths.density, sampled)[:, np.newaxis]
     path = put_further(describe_rays(paths, FARTHEST)) if background.program is not None else None
     radiance = evaluate_environment(background, directions, path)
@@ -123,6 +125,7 @@ def add_visible_light(
         return
     paths, seen = paths.select(rows), seen.select(rows)
     sampled = seen.density if isinstance(chance, float) else seen.density * chance[rows]
+    sampled = integrator.share_density(LIGHT, sampled)
     share = power_heuristic(paths.density, sampled)[:, np.newaxis]
     computed = integrator.light_nodes.get(light)
     radiance = seen.radiance if computed is None else vary_seen(computed, paths, seen)
@@ -225,7 +228,7 @@ def add_emission(integrator: Integrator, passes: PathPasses, wave: Wave) -> None
         surface.instance[sampled],
         surface.primitive[sampled],
     )
-    share[sampled] = power_heuristic(paths.density[sampled], other)
+    share[sampled] = power_heuristic(paths.density[sampled], integrator.share_density(GEOMETRY, other))
     if integrator.links is not None:
         lit = integrator.links.find_lit(integrator.links.receivers[surface.instance], paths.scatterer)
         share[~(paths.direct | lit)] = 0.0

@@ -51,6 +51,8 @@ def sample_lights(
     shadow_rays = []
     for number, source in enumerate(sources):
         found = source.sample(replace(points, sampler=points.sampler.skip(source.dimension)))
+        if source.share != 1.0:
+            found = replace(found, light=replace(found.light, density=source.share * found.light.density))
         seen_by = source.seen_by if found.seen_by is None else found.seen_by
         reflect = reflect_seen if source.cast_as == SEEN_BY["shadow"] else reflect_as_rays
         light = reflect(points.shading, probabilities, found.light, seen_by) * throughput

@@ -103,7 +103,8 @@ def _is_rough(closure: Closure) -> bool:
     return _scatters_on(closure) and (coated or _may(closure, "roughness", lambda roughness: roughness > 0))
 
 
-def _lets_through(closure: Closure) -> bool:
+def lets_through(closure: Closure) -> bool:
+    """True where light may go straight through this closure."""
     see_through = closure.kind == "principled" and _may(closure, "alpha", lambda alpha: alpha < 1)
     return _has_weight(closure) and (closure.kind == "transparent" or see_through)
 
@@ -132,7 +133,7 @@ def derive_features(scene: Scene) -> Features:
         diffuse=any(_is_diffuse(closure) for closure in closures),
         specular=any(_scatters_on(closure) for closure in closures),
         rough=any(_is_rough(closure) for closure in closures),
-        transparency=any(_lets_through(closure) for closure in closures),
+        transparency=any(lets_through(closure) for closure in closures),
         holdout=_is_any(scene, "holdout"),
         shadow_catchers=_is_any(scene, "shadow_catcher"),
         light_linking=any(record.receivers != ALL_SETS for record in (*scene.lights, *scene.spheres))

@@ -30,6 +30,7 @@ from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_pic
 from raytracer.integrator.scene_records import find_camera_axes, find_eye, find_identities, gather_records
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, transparent_visibility
+from raytracer.integrator.told_apart import ToldApart, find_told_apart, is_seen_by_some, list_told_apart
 from raytracer.lights.emitter_table import Emitters, make_emitters
 from raytracer.lights.environment import Environment, make_environment, turn_environment
 from raytracer.lights.light_linking import LightLinks
@@ -54,6 +55,8 @@ from raytracer.surfaces.terminator import Lift, Terminator, lift_points, make_te
 
 # What programs of materials that ask for the picture's size get where there is none.
 DEFAULT_RESOLUTION = (1000, 1000)
+# The classes of rays that look for an even world.
+LOOKING = SEEN_BY["diffuse"] | SEEN_BY["glossy"] | SEEN_BY["shadow"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +82,9 @@ class Integrator:
     needs_light : False where all passes are known at the first surface
     goes_on : True where rays can go on from a surface
     interreflects : True where diffuse reflection is followed
+    told_apart : the kinds of sources of which reflected rays find other light than samples do; where there are any,
+        diffuse reflection is followed, if only to what shines
+    shares : of the sources that are told apart by their kinds, as of LightSource
     emission_ahead : True where a ray that goes on can meet a light, emissive geometry or the world
     dimensions : numbered dimensions of a wave
     links : which objects are lit by what, or None where all are by all
@@ -108,6 +114,8 @@ class Integrator:
     emission_ahead: bool
     dimensions: WaveDimensions
     links: LightLinks | None = None
+    told_apart: frozenset[int] = frozenset()
+    shares: Mapping[int, float] = field(default_factory=dict)
     tells_paths: bool = False
     terminator: Terminator | None = None
     is_catcher: Booleans | None = None
@@ -131,6 +139,10 @@ class Integrator:
     def find_group(self, light: Light) -> int:
         """Return the number of a light's group; -1 for none."""
         return NO_GROUP if self.grouped is None else self.grouped.of_lights[light]
+
+    def share_density(self, kind: int, density: Numbers) -> Numbers:
+        """Return the density (n,) of samples of a kind of source in its share."""
+        return density * self.shares[kind] if kind in self.shares else density
 
 
 def prepare(
@@ -164,16 +176,18 @@ def prepare(
     )
     sites = make_site_tables(scene, tables, list_scene_attributes(scene), resolution) if programs else None
     materials = make_material_table(scene, sites if features.programs else None)
+    seen_by = gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
+    apart = find_told_apart(scene, seen_by) if needs_light else ToldApart()
     if background is not None:
         background = turn_environment(background, scene.camera, resolution)
     elif features.world and needs_light and scene.world is not None:
-        background = make_environment(scene.world, scene.camera, resolution)
+        background = make_environment(scene.world, scene.camera, resolution, apart.blockers or apart.world)
     computed: dict[Light, ComputedLight] = {}
     if features.light_nodes and needs_light:
         computed = make_computed_lights(scene.lights, scene.camera, resolution)
-    compose = partial(
-        _compose, scene, settings, features, tables, materials, background, terminator, computed, aims_at_all
-    )
+    told_apart = list_told_apart(apart, features, background, scene.lights)
+    given = (scene, settings, features, tables, materials, background, terminator, computed, seen_by, told_apart)
+    compose = partial(_compose, *given, aims_at_all)
     whole = compose(caster)
     if "Vector" in settings.passes:
         whole = replace(whole, screen_motion=make_screen_motion(scene, caster.geometry, resolution))
@@ -216,6 +230,8 @@ def _compose(
     background: Environment | None,
     terminator: Terminator | None,
     computed: Mapping[Light, ComputedLight],
+    seen_by: Masks | None,
+    told_apart: frozenset[int],
     aims_at_all: bool,
     caster: RayCaster,
     present: Booleans | None = None,
@@ -223,16 +239,17 @@ def _compose(
     """Return the stages of a scene, or of its shadow catchers alone, with what lights them.
 
     computed : what evaluates the nodes of lights that have any
+    seen_by : (instances + groups,) uint8, the classes of rays that see each; None where all see all
+    told_apart : as of Integrator
     aims_at_all : as of `prepare`
     caster : of what is present
     present : (instances + groups,) bool, which are shadow catchers; None for the whole scene
     """
     needs_light = asks_for_light(settings)
-    interreflects = settings.integrator == "path" and features.diffuse and needs_light
+    interreflects = (settings.integrator == "path" or bool(told_apart)) and features.diffuse and needs_light
     emitters = None
     if features.emission and needs_light:
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
-    seen_by = gather_records(scene, "seen_by", np.int32).astype(np.uint8) if features.ray_visibility else None
     lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
     links = _link_lights(scene) if features.light_linking else None
     groups: list[LightGroup]
@@ -245,7 +262,7 @@ def _compose(
         by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by) else None
         sources.append(EmissiveGeometry(emitters=emitters, links=links, seen_by_object=by_object))
     if background is not None:
-        sources += make_world_sources(background, features.light_path or _are_told_apart(seen_by))
+        sources += make_world_sources(background, features.light_path or is_seen_by_some(seen_by, LOOKING))
     dimensions = allocate_dimensions(
         [source.dimension_count for source in sources], programs=features.occlusion, roulette=interreflects
     )
@@ -263,6 +280,7 @@ def _compose(
     looks = features.specular or interreflects
     visible_lights = tuple(light for light in aimed_at if has_extent(light) and _is_met(light, looks))
     visible_groups = tuple(group for group in groups if group.has_extent and _is_met(group.example, looks))
+    aimed = set_chances(sources, told_apart)
     order = make_order(tables)
     cast = make_cast(caster, seen_by, order)
     if features.transparency:
@@ -275,7 +293,7 @@ def _compose(
         settings=settings,
         tables=tables,
         materials=materials,
-        sources=set_chances(sources),
+        sources=aimed,
         visible_lights=visible_lights,
         light_nodes=computed,
         counts_bounces=features.light_bounces,
@@ -296,6 +314,8 @@ def _compose(
         emission_ahead=bool(visible_lights) or bool(visible_groups) or emitters is not None or background is not None,
         dimensions=dimensions,
         links=links,
+        told_apart=told_apart,
+        shares={source.kind: source.share for source in aimed if source.kind in told_apart},
         tells_paths=features.light_path
         or (background is not None and background.program is not None)
         or any(reads_light_path(light.nodes.program) for light in computed.values()),
@@ -306,14 +326,6 @@ def _compose(
 def _link_lights(scene: Scene) -> LightLinks:
     """Return which objects are lit by what."""
     return LightLinks(*(gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
-
-
-def _are_told_apart(seen_by: Masks | None) -> bool:
-    """True where an object is met by some of diffuse, glossy and shadow rays, but not by all."""
-    if seen_by is None:
-        return False
-    looking = SEEN_BY["diffuse"] | SEEN_BY["glossy"] | SEEN_BY["shadow"]
-    return bool((~np.isin(seen_by & looking, (0, looking))).any())
 
 
 def _hides_emitters(emitters: Emitters, seen_by: Masks) -> bool:

@@ -13,7 +13,8 @@ Who sees what, by source and kind of ray, as in Cycles:
 
 Diffuse transmission is a part that sees by the flag for diffuse rays; its rays see objects by that for transmission,
 lights and the world by both. A part that reflects and transmits sees by either flag. To programs a ray to any source
-but an even world is of no kind; to one, it is of the kind whose place it takes.
+but an even world is of no kind; to one, it is of the kind whose place it takes. A reflected ray that meets a source is
+of its own kind, to programs and to objects: how much of a source's light comes by which, see `told_apart`.
 
 References
 ----------
@@ -24,7 +25,7 @@ is_light_shader_visible_to_path; integrator/path_state.h: path_state_ray_visibil
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -109,6 +110,8 @@ class LightSource(ABC):
     dimension : the first of them, within a wave
     kind : what Cycles would choose it as
     chance : with which Cycles would choose it, see `clamping`
+    share : of its density that counts in the weights of samples and reflected rays: its chance where they are told
+        apart (`told_apart`)
     cast_shadow : False for a light that throws no shadows
     seen_by : bits of SEEN_BY, the classes of rays that see it, which are the ways in which its light is reflected
     unstopped : True where its light passes transparent surfaces that stop that of others
@@ -121,6 +124,7 @@ class LightSource(ABC):
     kind: int
     dimension: int = 0
     chance: float = 1.0
+    share: float = 1.0
     cast_shadow: bool = True
     seen_by: int = SEEN_BY_ALL
     unstopped: bool = False
@@ -278,15 +282,16 @@ def make_world_sources(environment: Environment, tells_rays_apart: bool) -> list
     tells_rays_apart : True where objects are hidden from some of the rays that look for it, or ask how they came
     """
     if not environment.is_even:
-        first, *others = list_world_samplers(environment)
-        source = SampledWorld(
-            environment=environment,
-            sampler=first,
-            kind=WORLD,
-            seen_by=environment.seen_by,
-            max_bounces=environment.max_bounces,
-        )
-        return [source, *(replace(source, sampler=sampler) for sampler in others)]
+        return [
+            SampledWorld(
+                environment=environment,
+                sampler=sampler,
+                kind=WORLD,
+                seen_by=environment.seen_by,
+                max_bounces=environment.max_bounces,
+            )
+            for sampler in list_world_samplers(environment)
+        ]
     (sampler,) = list_world_samplers(environment)
     whole = SampledWorld(environment=environment, sampler=sampler, kind=OTHER, unstopped=True)
     hidden = SEEN_BY_ALL - environment.seen_by
@@ -299,16 +304,23 @@ def make_world_sources(environment: Environment, tells_rays_apart: bool) -> list
     ]
 
 
-def set_chances(sources: Sequence[LightSource]) -> tuple[LightSource, ...]:
-    """Return all the sources that there are with the chances that Cycles would choose them with."""
+def set_chances(sources: Sequence[LightSource], told_apart: Container[int] = ()) -> tuple[LightSource, ...]:
+    """Return all the sources that there are with the chances that Cycles would choose them with.
+
+    told_apart : the kinds of those whose samples are weighed by these chances
+    """
     kinds = [source.kind for source in sources]
     chances = find_chances(kinds.count(LIGHT) + (WORLD in kinds), GEOMETRY in kinds)
-    return tuple(replace(source, chance=chances.get(source.kind, 1.0)) for source in sources)
+    found = [chances.get(source.kind, 1.0) for source in sources]
+    return tuple(
+        replace(source, chance=chance, share=chance if source.kind in told_apart else 1.0)
+        for source, chance in zip(sources, found, strict=True)
+    )
 
 
 def find_chances(lights: int, geometry: bool) -> dict[int, float]:
     """Return the chances that Cycles picks one of so many lights, or emissive geometry: a half for either kind, where
-    there are both."""
+    there are both. So it does without its light tree; with it the chances differ from place to place."""
     every = 0.5 if lights and geometry else 1.0
     return {LIGHT: every / max(lights, 1), WORLD: every / max(lights, 1), GEOMETRY: every}
 

@@ -168,6 +168,8 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     # Light sampling: what does each source send, if nothing is in the way?
     sampler = sampler.select(paths.row)
     ended = find_ended(paths.bounces, integrator.settings)
+    if integrator.told_apart and integrator.settings.integrator == "direct":
+        ended |= (paths.kind & DIFFUSE) > 0  # diffuse reflection only looks for what shines
     add_guides(integrator, passes, wave, ended)
     ended |= find_closed(integrator, paths)
     add_open_share(integrator, passes, wave, sampler, ended)
@@ -214,7 +216,7 @@ def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
     A path that has used up its bounces still sees emission where it ends: light sampling has counted on that. Where
     diffuse reflection is the only bounce, and would be the last, light sampling is left all of it; not so where
     geometry is emissive, for close by, in corners, no other way of sampling keeps the noise finite, nor where light
-    comes through from behind, where nobody looks for the world.
+    comes through from behind, where nobody looks for the world, nor where light samples are told apart.
     """
     paths, shading = wave.paths, wave.shading
     probabilities = lobe_probabilities(shading, integrator.interreflects)
@@ -222,7 +224,7 @@ def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
         open_ = ended & ~find_closed(integrator, paths)
         probabilities[ended, 0] = (open_ & any_column(shading.transparency > 0))[ended]
         probabilities[ended, 1:] = 0.0
-    if integrator.interreflects and integrator.emitters is None:
+    if integrator.interreflects and integrator.emitters is None and not integrator.told_apart:
         first = 1 + len(shading.lobes)
         kind = np.full(len(paths), DIFFUSE, dtype=np.uint8)
         last = find_ended(count_bounces(paths.bounces, kind), integrator.settings)

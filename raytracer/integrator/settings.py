@@ -51,7 +51,8 @@ class Settings:
         A border or a tile spreads its own, so its pixels are not bit for bit those of the whole picture
     seconds : the time that tracing may take; it ends after the last sweep that fits in, but not before the first. None
         sets no limit
-    integrator : 'direct' follows reflection and transmission but diffuse, 'path' everything
+    integrator : 'direct' follows reflection and transmission but diffuse, or diffuse only to what shines, where that
+        makes a difference (`integrator.told_apart`); 'path' everything
     max_bounces : reflections and transmissions that a ray may go through; straight passages do not count
     diffuse_bounces, glossy_bounces, transmission_bounces : how many of them may be diffuse reflections, other
         reflections, and transmissions; None takes max_bounces

@@ -5,6 +5,9 @@ after a map of its own brightness over directions, less the mean, which the firs
 compensation): a sun of one pixel is found as surely as an even sky. Both are weighed by the sum of their densities (the
 balance heuristic), which is at least that of the first, so that the estimate is unbiased whatever the map misses.
 
+Where reflected rays find other light than samples do (`integrator.told_apart`), a world with a program is sampled as in
+Cycles, after a map of all its brightness alone: what the map misses is for reflected rays to find.
+
 To programs the world is a unit sphere around the camera, seen from inside, in world space: position is the direction,
 normal and view point back to the centre, as in Cycles (shader_setup_from_background).
 
@@ -62,7 +65,8 @@ class Environment:
 
     color : (3,) float64, or the Register of the program that computes it
     program, needed, tables : of `evaluate.evaluate`, None, () and None for a constant world
-    grid : the map that samples follow; None where the world is constant, or even
+    grid : the map that samples follow; None where the world is constant, or even, or nothing stands out
+    by_map_alone : True where samples follow the map and nothing else
     is_even : True where it is the same in all directions, though its program may ask how the ray came
     seen_by, max_bounces : as of World
     """
@@ -73,12 +77,19 @@ class Environment:
     tables: SiteTables | None = None
     grid: DirectionMap | None = None
     is_even: bool = True
+    by_map_alone: bool = False
     seen_by: int = SEEN_BY_ALL
     max_bounces: int | None = None
 
 
-def make_environment(world: World, camera: Camera | None, resolution: tuple[int, int]) -> Environment:
-    """Return the environment of a world; resolution : of the full picture, pixels."""
+def make_environment(
+    world: World, camera: Camera | None, resolution: tuple[int, int], by_map_alone: bool = False
+) -> Environment:
+    """Return the environment of a world.
+
+    resolution : of the full picture, pixels
+    by_map_alone : as of Environment, for a world that varies
+    """
     if world.program is None or not isinstance(world.color, Register):
         return Environment(world.color, seen_by=world.seen_by)
     program = world.program
@@ -87,7 +98,8 @@ def make_environment(world: World, camera: Camera | None, resolution: tuple[int,
     environment = Environment(world.color, program, needed, tables, is_even=even, seen_by=world.seen_by)
     if even:
         return environment
-    return replace(environment, grid=_make_map(environment), max_bounces=world.max_bounces)
+    environment = replace(environment, by_map_alone=by_map_alone, max_bounces=world.max_bounces)
+    return replace(environment, grid=_make_map(environment))
 
 
 def turn_environment(environment: Environment, camera: Camera | None, resolution: tuple[int, int]) -> Environment:
@@ -139,7 +151,10 @@ def make_sky_site(tables: SiteTables, directions: Floats, path: LightPath | None
 
 
 def list_world_samplers(environment: Environment) -> list[WorldSampler]:
-    """Return the ways in which light from the world is sampled, each once: around the normal, and after the map."""
+    """Return the ways in which light from the world is sampled, each once: around the normal, and after the map.
+
+    None at all where samples follow the map alone and it is black.
+    """
 
     def sample_around(normal: Floats, pair: Floats) -> Floats:
         return to_world(sample_cosine_hemisphere(pair), normal)
@@ -148,7 +163,8 @@ def list_world_samplers(environment: Environment) -> list[WorldSampler]:
         assert environment.grid is not None
         return sample_map(environment.grid, pair)
 
-    return [sample_around] if environment.grid is None else [sample_around, sample_brightness]
+    after_map: list[WorldSampler] = [] if environment.grid is None else [sample_brightness]
+    return after_map if environment.by_map_alone else [sample_around, *after_map]
 
 
 def environment_density(environment: Environment, normal: Floats, directions: Floats) -> Floats:
@@ -156,6 +172,8 @@ def environment_density(environment: Environment, normal: Floats, directions: Fl
 
     Camera rays, of other lengths, were never scattered: what they get here counts for nothing.
     """
+    if environment.by_map_alone:
+        return np.zeros(len(directions)) if environment.grid is None else map_density(environment.grid, directions)
     density = np.maximum(dot(normal, directions), 0.0) / np.pi
     return density if environment.grid is None else density + map_density(environment.grid, directions)
 
@@ -164,7 +182,7 @@ def environment_density(environment: Environment, normal: Floats, directions: Fl
 
 
 def _make_map(environment: Environment) -> DirectionMap | None:
-    """Return the map of an environment's brightness beyond its mean.
+    """Return the map of an environment's brightness beyond its mean; of all of it where samples follow nothing else.
 
     A cell's brightness is the mean of its corners', which is exact for an image of as many pixels, linear in between.
     """
@@ -181,7 +199,7 @@ def _make_map(environment: Environment) -> DirectionMap | None:
     if has_sun:
         cells = _spread_bright(cells)
     lower = np.sin((np.arange(width // 2 + 1) / (width // 2) - 0.5) * np.pi)
-    mean = np.average(cells.mean(axis=1), weights=np.diff(lower))
+    mean = 0.0 if environment.by_map_alone else np.average(cells.mean(axis=1), weights=np.diff(lower))
     return make_direction_map(np.maximum(cells - mean, 0.0))
 
 
@@ -201,7 +219,9 @@ def _evaluate_corners(environment: Environment, height: int, width: int) -> Floa
     for first in range(0, height + 1, rows):
         v = np.arange(first, min(first + rows, height + 1)) / height
         directions = place_equirectangular(u, v[:, np.newaxis]).reshape(-1, 3)
-        radiance = np.broadcast_to(evaluate_environment(environment, directions), directions.shape)
+        # Its program is told what samples are that a path without bounces takes, where that makes a difference.
+        path = LightPath({"depth": np.ones(len(directions))}) if environment.by_map_alone else None
+        radiance = np.broadcast_to(evaluate_environment(environment, directions, path), directions.shape)
         corners[first : first + len(v)] = np.abs(radiance).mean(axis=1).reshape(len(v), width)
     return corners
 

@@ -214,9 +214,16 @@ def list_attributes(program: Program) -> set[str]:
     return {name for step in list_steps(program) for name in OPERATIONS[step.operation].attributes(step.settings)}
 
 
-def reads_light_path(program: Program | None) -> bool:
-    """True where a program asks how the ray came."""
-    return program is not None and any(step.operation.startswith(LIGHT_PATH) for step in list_steps(program))
+def reads_light_path(program: Program | None, outputs: Iterable[str] | None = None) -> bool:
+    """True where a program asks how the ray came.
+
+    outputs : of the Light Path node, those that count; None for all
+    """
+    if program is None:
+        return False
+    named = None if outputs is None else {LIGHT_PATH + output for output in outputs}
+    asked = (step.operation for step in list_steps(program) if step.operation.startswith(LIGHT_PATH))
+    return any(named is None or operation in named for operation in asked)
 
 
 def reads_place(program: Program, needed: tuple[int, ...]) -> bool:

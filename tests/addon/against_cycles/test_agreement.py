@@ -30,3 +30,8 @@ def test_rows_of_a_table_are_found_again(tmp_path):
     found, before = path.read_text(encoding="utf-8").splitlines()[-2:]
     assert "| 0.00% | 1.2% | 50.000% (Depth) |" in found
     assert "| 0.00% | - | 50.000% (Depth) |" in before
+    path = tmp_path / "agreement_files.md"
+    files = {"02_any": {**next(iter(rows.values())), "verdict": "agrees"}}
+    agreement.write_table(path, files, has_pictures=False)
+    assert agreement.read_numbers(path) == files
+    assert path.read_text(encoding="utf-8").splitlines()[-1].startswith("| 02_any | ")

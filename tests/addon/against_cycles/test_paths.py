@@ -47,11 +47,11 @@ def add_ball(material, location=(-0.35, 0.2, 0.5), radius=0.45):
     return building.link_object("Ball", building.make_sphere("Ball", radius, 32), location, materials=[material])
 
 
-def assert_agree(scene, max_bounces=8, taming=None, **limits):
+def assert_agree(scene, max_bounces=8, taming=None, integrator="PATH", **limits):
     request = Request(
         *(*SIZE, SAMPLES, max_bounces, BATCHES),
         cycles_factor=CYCLES_FACTOR,
-        integrator="PATH",
+        integrator=integrator,
         limits=limits,
         taming=taming or {},
     )

@@ -123,6 +123,37 @@ def test_an_even_world_shines_as_the_path_tells(output):
     assert_agree(scene, max_bounces=2)
 
 
+ASKED = ["Is Diffuse Ray", "Is Glossy Ray", "Is Reflection Ray", "Is Transmission Ray", "Ray Depth", "Glossy Depth"]
+
+
+@pytest.mark.parametrize("integrator", ["PATH", "DIRECT"])
+@pytest.mark.parametrize("material", list_cases(["principled", "rough glass"], ["principled"]))
+@pytest.mark.parametrize("source", ["emissive mesh", "world that varies"])
+@pytest.mark.parametrize("output", list_cases(ASKED, ["Is Reflection Ray"]))
+def test_what_varies_shines_as_the_path_tells(output, source, material, integrator):
+    """Both engines weigh samples, which are told no kind, and reflected rays, which are. With its light tree, or close
+    to a triangle, Cycles has weights that differ from place to place."""
+    scene, lamp = make_stage(source, material)
+    scene.cycles.use_light_tree = False
+    building.add_light("Sun", "SUN", 0.1, (0.3, -0.4, 3), (0, 0, 0))
+    if source == "emissive mesh":
+        lamp.location.z = 3.6
+    shining = bpy.data.materials["Glow"] if source == "emissive mesh" else scene.world
+    tree = versions.find_node_tree(shining)
+    node = next(node for node in tree.nodes if node.type in ("BACKGROUND", "EMISSION"))
+    link_output(tree, output, 6.0 if source == "emissive mesh" else 1.0, node.inputs["Strength"])
+    assert_agree(scene, max_bounces=2, integrator=integrator)
+
+
+@pytest.mark.parametrize("integrator", ["PATH", "DIRECT"])
+@pytest.mark.parametrize("kind", list_cases(["diffuse", "glossy", "shadow"], ["shadow"]))
+@pytest.mark.parametrize("name", list_cases(["Floor", "Ball"], ["Floor"]))
+def test_objects_shade_a_world_that_varies_by_the_rays_that_see_them(name, kind, integrator):
+    scene, _ = make_stage("world that varies", "principled")
+    setattr(bpy.data.objects[name], f"visible_{kind}", False)
+    assert_agree(scene, max_bounces=2, integrator=integrator)
+
+
 @pytest.mark.parametrize("offset", [0.1, 0.4])
 def test_terminators_agree(offset):
     """A coarse smooth ball under a sun from the side. The offset of shading is tested in closed form: Cycles takes its
