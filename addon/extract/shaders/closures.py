@@ -1,7 +1,8 @@
 """Shader nodes to the fields of closures: one reader for each node, listed in `CLOSURE_READERS`.
 
 Stand-ins, each with a warning: a shader that reflects colored light in a way we lack becomes diffuse (Hair) of its own
-color; any other becomes the default grey diffuse. Inputs that have no effect are named (`UNSUPPORTED_INPUTS`). A new node is one function and one row of the table.
+color; any other becomes the default grey diffuse. Inputs that have no effect are named (`UNSUPPORTED_INPUTS`). A new
+node is one function and one row of the table.
 """
 
 from __future__ import annotations

@@ -29,7 +29,19 @@ def below(falloff: str = "RANDOM_WALK", /, **settings: Any) -> Make:
     return make
 
 
+def bumped(tree: Any, roughness: float | None) -> Any:
+    """Noise in the color, and as bumps, which bend the normal where light leaves."""
+    shader = below(Scale=0.1)(tree, roughness)
+    noise = add_node(tree, "ShaderNodeTexNoise", {"Scale": 4.0})
+    bump = add_node(tree, "ShaderNodeBump", {"Strength": 0.8, "Distance": 0.3})
+    tree.links.new(noise.outputs[0], bump.inputs["Height"])
+    tree.links.new(bump.outputs[0], shader.node.inputs["Normal"])
+    tree.links.new(noise.outputs["Color"], shader.node.inputs["Color"])
+    return shader
+
+
 MATERIALS = {
+    "bumped": bumped,
     "walk": below(Scale=0.5),
     "far": below(Scale=10.0, Color=(0.95, 0.6, 0.1, 1.0)),
     "near": below(Scale=0.02, IOR=1.8, Roughness=0.2),
