@@ -157,6 +157,11 @@ def read_image_format(settings: Any) -> dict[str, Any]:
     return {name: getattr(settings, name) for name in names if hasattr(settings, name)}
 
 
+def inverts_by_similarity(version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where Random Walk finds the medium of a subsurface color by van de Hulst's similarity: since 5.2."""
+    return version >= (5, 2)
+
+
 def has_half_skies(version: tuple[int, ...] = VERSION) -> bool:
     """Return True where the table of a Sky Texture ends at the horizon, and just past the zenith: before 5.0."""
     return version < (5, 0)

@@ -269,7 +269,7 @@ def _open_shader_tree(owner: bpy.types.Material | bpy.types.World) -> bpy.types.
     return owner.node_tree
 
 
-def make_principled(name: str, color: Color, **inputs: float) -> bpy.types.Material:
+def make_principled(name: str, color: Color, **inputs: Any) -> bpy.types.Material:
     """Return a Principled material of constants; keywords are sockets: metallic=1, transmission_weight=1, ior=1.3."""
     material = bpy.data.materials.new(name)
     node = _open_shader_tree(material).nodes["Principled BSDF"]
@@ -279,12 +279,16 @@ def make_principled(name: str, color: Color, **inputs: float) -> bpy.types.Mater
     return material
 
 
-def make_shader(name: str, kind: str, color: Color, **inputs: float) -> bpy.types.Material:
-    """Return a material of one closure: kind is Diffuse, Glossy, Glass, Transparent or Emission."""
+# Nodes whose names are not built as those of others.
+UNLIKE_OTHERS = {"Emission": "ShaderNodeEmission", "Subsurface": "ShaderNodeSubsurfaceScattering"}
+
+
+def make_shader(name: str, kind: str, color: Color, **inputs: Any) -> bpy.types.Material:
+    """Return a material of one closure: kind is Diffuse, Glossy, Glass, Transparent, Emission or Subsurface."""
     material = bpy.data.materials.new(name)
     tree = _open_shader_tree(material)
     tree.nodes.remove(tree.nodes["Principled BSDF"])
-    node = tree.nodes.new("ShaderNodeEmission" if kind == "Emission" else f"ShaderNodeBsdf{kind}")
+    node = tree.nodes.new(UNLIKE_OTHERS.get(kind, f"ShaderNodeBsdf{kind}"))
     sockets = {"IOR" if key == "ior" else key.title(): value for key, value in inputs.items()}
     set_inputs(node, {"Color": color, **sockets})
     tree.links.new(node.outputs[0], tree.nodes["Material Output"].inputs["Surface"])

@@ -61,6 +61,13 @@ def lobe_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
 
     with_diffuse : True appends the Lambertian parts, that of the surface's normal first: (n, 2 + lobes + tilted)
     """
+    shares = lobe_shares(shading, with_diffuse)
+    total = sum_columns(shares)[:, np.newaxis]
+    return np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
+
+
+def lobe_shares(shading: Shading, with_diffuse: bool = False) -> Floats:
+    """Return about how much light each lobe sends on, in the columns of `lobe_probabilities`."""
     count = 1 + len(shading.lobes)
     shares = np.zeros((len(shading), count + (1 + len(shading.tilted) if with_diffuse else 0)))
     shares[:, 0] = mean_column(shading.transparency)
@@ -70,8 +77,7 @@ def lobe_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
         shares[:, count] = mean_column(shading.diffuse)
         for column, part in enumerate(shading.tilted, start=count + 1):
             shares[part.hit, column] = mean_column(part.albedo)
-    total = sum_columns(shares)[:, np.newaxis]
-    return np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
+    return shares
 
 
 def includes_diffuse(shading: Shading, probabilities: Floats) -> bool:

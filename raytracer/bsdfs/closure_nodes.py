@@ -57,6 +57,12 @@ def _add_translucent(closures: Closures, points: Points) -> Lobes:
     return []
 
 
+def _add_subsurface(closures: Closures, points: Points) -> Lobes:
+    color = closures.color
+    points.add_subsurface(closures, _colors(closures), color, closures.subsurface_ior, closures.roughness)
+    return []
+
+
 def _add_sheen(closures: Closures, points: Points) -> Lobes:
     shape, albedo = make_sheen(points.normal, points.outgoing, closures.roughness)
     points.add_part(points.normal, _colors(closures) * albedo[:, np.newaxis], shape)
@@ -154,6 +160,7 @@ SCATTERING: dict[str, Callable[[Closures, Points], Lobes]] = {
     "metal": _add_metal,
     "conductor": _add_conductor,
     "translucent": _add_translucent,
+    "subsurface": _add_subsurface,
     "sheen": _add_sheen,
     "velvet": _add_velvet,
     "toon": _add_toon,

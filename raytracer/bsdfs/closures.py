@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import mean_column, take_rows
+from raytracer.arrays.rows import any_column, mean_column, take_rows
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.diffuse import DiffuseShape
 from raytracer.bsdfs.microfacet import Microfacets, tilt_to_reflect
+from raytracer.bsdfs.subsurface import Subsurface, split_radii
 from raytracer.lecture import dot
 from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_VECTORS, Closure
 from raytracer.scene.programs import Register
@@ -119,6 +120,7 @@ class Shading:
     tilted : other diffuse parts
     frequency : (n,) float64, factor of the angle between diffuse parts' normals and light (`terminator`); None for 1
     holdout : (n,) float64, share of the surface that is a hole in the picture; None where no material has one
+    subsurface : parts whose light goes on below the surface, each for some of the points
     """
 
     normal: Floats
@@ -131,15 +133,18 @@ class Shading:
     tilted: tuple[TiltedDiffuse, ...] = ()
     frequency: Floats | None = None
     holdout: Floats | None = None
+    subsurface: tuple[Subsurface, ...] = ()
 
     def __len__(self) -> int:
         return len(self.normal)
 
     def sum_diffuse(self) -> Floats:
-        """(n, 3) the albedo of all diffuse parts."""
-        total = self.diffuse.copy() if self.tilted else self.diffuse
+        """(n, 3) the albedo of all diffuse parts, with what is below the surface."""
+        total = self.diffuse.copy() if self.tilted or self.subsurface else self.diffuse
         for part in self.tilted:
             total[part.hit] += part.albedo
+        for buried in self.subsurface:
+            total[buried.hit] += buried.weight
         return total
 
     def average_diffuse_normal(self) -> Floats:
@@ -152,19 +157,29 @@ class Shading:
             total[part.hit] += mean_column(part.albedo)[:, np.newaxis] * side
         return np.where((total != 0).any(axis=1)[:, np.newaxis], normalize(total), self.normal)
 
+    def lay_open(self) -> Shading:
+        """Return what is below the surface as matte parts of it."""
+        if not self.subsurface:
+            return self
+        matte = (TiltedDiffuse(buried.hit, buried.normal, buried.weight) for buried in self.subsurface)
+        return dataclasses.replace(self, tilted=(*self.tilted, *matte), subsurface=())
+
     def average_normal(self) -> Floats:
         """(n, 3) unit, the normals of all parts weighed by their weights: textures bend them, and lobes are tilted to
         reflect to the surface's front. Where nothing has a normal of its own it is the surface's, to the last bit,
         whatever the batch holds besides."""
-        if not self.tilted and not self.lobes:
+        if not self.tilted and not self.lobes and not self.subsurface:
             return self.normal
         is_bent = np.zeros(len(self.normal), dtype=np.bool_)
-        for hit in (*(part.hit for part in self.tilted), *(lobes.hit for lobes in self.lobes)):
-            is_bent[hit] = True
+        for parts in (self.tilted, self.lobes, self.subsurface):
+            for hit in (part.hit for part in parts):
+                is_bent[hit] = True
         total = mean_column(self.diffuse)[:, np.newaxis] * self.normal
         for part in self.tilted:
             side = -part.normal if part.transmits else part.normal
             total[part.hit] += mean_column(part.albedo)[:, np.newaxis] * side
+        for buried in self.subsurface:
+            total[buried.hit] += mean_column(buried.weight)[:, np.newaxis] * buried.normal
         for lobes in self.lobes:
             weight = mean_column(lobes.weight) / lobes.energy_scale  # Cycles keeps that factor apart
             total[lobes.hit] += weight[:, np.newaxis] * lobes.normal
@@ -182,10 +197,11 @@ class Points:
     shading: Shading
     vectors: Mapping[str, Floats] = field(default_factory=dict)
     tilted: list[TiltedDiffuse] = field(default_factory=list)
+    subsurface: list[Subsurface] = field(default_factory=list)
 
     def select(self, part: NDArray[np.bool_]) -> Points:
         vectors = {name: take_rows(values, part) for name, values in self.vectors.items()}
-        return Points(self.rows[part], self.front[part], self.shading, vectors, self.tilted)
+        return Points(self.rows[part], self.front[part], self.shading, vectors, self.tilted, self.subsurface)
 
     @property
     def normal(self) -> Floats:
@@ -213,6 +229,17 @@ class Points:
     ) -> None:
         """Add diffuse parts of albedo (k, 3) with normals (k, 3)."""
         self.tilted.append(TiltedDiffuse(self.rows, normal, albedo, shape, transmits))
+
+    def add_subsurface(self, closures: Closures, weight: Floats, color: Floats, ior: Floats, roughness: Floats) -> None:
+        """Add parts of a weight (k, 3) whose light is scattered below the surface; roughness : alpha (k,) of facets."""
+        normal, _ = self.specular_normal()
+        anisotropy, skin, similar = closures.subsurface_anisotropy, closures.skin > 0, closures.similar > 0
+        part = Subsurface(self.rows, normal, weight, color, closures.radius, anisotropy, ior, roughness, skin, similar)
+        inside, matte = split_radii(part)
+        self.subsurface.append(inside)
+        stays = any_column(matte > 0)
+        if stays.any():
+            self.select(stays).add_diffuse(matte[stays])
 
     def specular_normal(self, name: str = "normal") -> tuple[Floats, Floats]:
         """Return the normals (k, 3) of microfacet lobes and the cosine (k,) of the view against them."""

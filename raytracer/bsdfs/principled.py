@@ -54,6 +54,8 @@ def add_principled(closures: Closures, points: Points) -> list[Microfacets]:
     weight = weight * (1.0 - transmission)[:, np.newaxis]
     specular, under = _make_specular(closures, points, weight)
     color = closures.color
+    if closures.uses("subsurface"):
+        under = _add_subsurface(closures, points, under)
     add_matte(closures, points, under * color, color, full=True)
     return [*lobes, specular]
 
@@ -153,6 +155,17 @@ def _make_specular(closures: Closures, points: Points, weight: Floats) -> tuple[
     under = weight.copy()
     under[part] = _leave_under(plain, _layer_albedo(lobes, where, plain, grain))
     return lobes, under
+
+
+def _add_subsurface(closures: Closures, points: Points, weight: Floats) -> Floats:
+    """Add what is scattered below the surface, and return the weight left for a matte base; light enters by the
+    surface's own index of refraction, but skin has its own."""
+    part = (closures.subsurface > 0) & any_column(weight > 0)
+    some, where, share = closures.select(part), points.select(part), closures.subsurface[:, np.newaxis]
+    color = np.minimum(some.color, 1.0)
+    ior = np.where(some.skin > 0, some.subsurface_ior, _specular_level(some.ior, some.specular)[0])
+    where.add_subsurface(some, weight[part] * share[part] * color, color, ior, some.roughness**2)
+    return weight * (1.0 - share)
 
 
 def _layer_albedo(

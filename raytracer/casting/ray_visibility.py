@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from raytracer.arrays.types import Booleans, Masks
+from raytracer.arrays.types import Booleans, Integers, Masks
 from raytracer.casting.geometry import Geometry
 from raytracer.casting.order import Order
 from raytracer.casting.primitives import Primitives
@@ -27,6 +27,8 @@ from raytracer.scene.scene import Scene
 
 # Closest hits of n rays that belong to the (n,) classes of rays, as bits of SEEN_BY.
 CastRays = Callable[[Rays, Masks], Hits]
+# Closest hits of n rays with the (n,) instances or groups of spheres that they are inside.
+CastInside = Callable[[Rays, Integers], Hits]
 
 
 class RayCaster(Protocol):
@@ -80,6 +82,24 @@ def make_cast(caster: RayCaster, visibility: Masks | None, order: Order | None =
         return hits
 
     return cast_all if visibility is None else cast_some
+
+
+def make_inside_cast(caster: RayCaster, order: Order | None = None) -> CastInside:
+    """Return the function that casts rays into their own object, as if there were no other.
+
+    All is cast into: rays below a surface are short, and rarely meet anything else first.
+    """
+
+    def cast_inside(rays: Rays, inside: Integers) -> Hits:
+        hits = find_closest(caster, rays, order)
+        rows = np.flatnonzero(hits.hit & (hits.instance != inside))
+        while len(rows):
+            found = find_closest(caster, replace(rays.select(rows), after=hits.select(rows)), order)
+            hits.put(rows, found)
+            rows = rows[found.hit & (found.instance != inside[rows])]
+        return hits
+
+    return cast_inside
 
 
 def find_closest(caster: RayCaster, rays: Rays, order: Order | None = None) -> Hits:

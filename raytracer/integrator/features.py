@@ -19,7 +19,7 @@ from raytracer.scene.programs import Register
 from raytracer.scene.scene import Scene
 from raytracer.shading.evaluate import casts_rays, reads_light_path
 
-DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon")
+DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon", "subsurface")
 SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
 
 
@@ -34,6 +34,7 @@ class Features:
     diffuse : a material reflects diffusely
     specular : a material reflects or transmits otherwise
     rough : a reflecting or transmitting material has roughness above 0
+    subsurface : a material scatters light below its surface
     transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
     holdout : an object punches a hole into the alpha channel
     shadow_catchers : an object shows only how others change its light
@@ -53,6 +54,7 @@ class Features:
     diffuse: bool
     specular: bool
     rough: bool
+    subsurface: bool
     transparency: bool
     holdout: bool
     shadow_catchers: bool
@@ -103,6 +105,12 @@ def _is_rough(closure: Closure) -> bool:
     return _scatters_on(closure) and (coated or _may(closure, "roughness", lambda roughness: roughness > 0))
 
 
+def _is_buried(closure: Closure) -> bool:
+    if closure.kind == "principled" and not _may(closure, "subsurface", lambda share: share > 0):
+        return False
+    return closure.kind in ("principled", "subsurface") and _is_diffuse(closure)
+
+
 def lets_through(closure: Closure) -> bool:
     """True where light may go straight through this closure."""
     see_through = closure.kind == "principled" and _may(closure, "alpha", lambda alpha: alpha < 1)
@@ -133,6 +141,7 @@ def derive_features(scene: Scene) -> Features:
         diffuse=any(_is_diffuse(closure) for closure in closures),
         specular=any(_scatters_on(closure) for closure in closures),
         rough=any(_is_rough(closure) for closure in closures),
+        subsurface=any(_is_buried(closure) for closure in closures),
         transparency=any(lets_through(closure) for closure in closures),
         holdout=_is_any(scene, "holdout"),
         shadow_catchers=_is_any(scene, "shadow_catcher"),

@@ -32,8 +32,8 @@ from raytracer.integrator.contributions import add_background, add_emission, add
 from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import DEFAULT_RESOLUTION, Integrator, find_lift, light_is_on, prepare
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
-from raytracer.integrator.loop import count_all, find_closed
 from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
+from raytracer.integrator.scattering import count_all, find_closed
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
 from raytracer.integrator.traced_rays import (
@@ -179,7 +179,7 @@ def trace_ray(inspector: Inspector, ray: TracedRay, path: Paths) -> list[Branch]
         surface = make_surface(integrator.tables, path.rays, hits)
         own = Sampler(SobolSamples(np.zeros(1, np.uint32), 0, 0), None, 0)
         shading = make_shading(integrator.materials, surface, describe_path(integrator, path, hits, surface, own))
-        wave = Wave(path, hits, surface, shading)
+        wave = Wave(path, hits, surface, shading.lay_open())
         add_emission(integrator, passes, wave)
         ray.hit = describe_hit(inspector.caster, path.rays, hits, surface, shading)
         if not find_ended(path.bounces, integrator.settings)[0]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Masks, Numbers, Vectors
-from raytracer.casting.ray_visibility import CastRays, RayCaster, SceneCaster, make_cast
+from raytracer.casting.ray_visibility import CastInside, CastRays, RayCaster, SceneCaster, make_cast, make_inside_cast
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.passes import find_pass, list_aovs, select_mattes, select_passes
 from raytracer.integrator.features import Features, derive_features
@@ -27,6 +27,7 @@ from raytracer.integrator.light_sources import (
     set_chances,
 )
 from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_picked_sources, split_lights
+from raytracer.integrator.random_walk import count_numbers
 from raytracer.integrator.scene_records import find_camera_axes, find_eye, find_identities, gather_records
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, transparent_visibility
@@ -92,6 +93,7 @@ class Integrator:
     aovs, sky_aovs : what surfaces and the world write to passes of their own; None where nothing is written
     grouped : which groups of lights what shines belongs to; None where no pass asks
     terminator : offsets of the shadow terminator; None where no smooth mesh has any
+    cast_inside : finds what rays below a surface hit of their own object; None where no light goes there
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     catchers_only : the stages of the scene without all but its shadow catchers, or None
     """
@@ -130,6 +132,7 @@ class Integrator:
     aovs: MaterialAovs | None = None
     sky_aovs: SkyAovs | None = None
     grouped: GroupedLight | None = None
+    cast_inside: CastInside | None = None
 
     @property
     def world_group(self) -> int:
@@ -264,7 +267,10 @@ def _compose(
     if background is not None:
         sources += make_world_sources(background, features.light_path or is_seen_by_some(seen_by, LOOKING))
     dimensions = allocate_dimensions(
-        [source.dimension_count for source in sources], programs=features.occlusion, roulette=interreflects
+        [source.dimension_count for source in sources],
+        programs=features.occlusion,
+        roulette=interreflects,
+        walk_count=count_numbers() if features.subsurface else 0,
     )
     sources = [replace(source, dimension=first) for source, first in zip(sources, dimensions.sources, strict=True)]
     # What is left out keeps its dimensions, so that the others are sampled alike with it and without.
@@ -308,7 +314,7 @@ def _compose(
         holdout=gather_records(scene, "holdout", np.bool_) if features.holdout else None,
         pass_index=gather_records(scene, "pass_index", np.int32),
         needs_light=needs_light,
-        goes_on=features.specular or features.transparency or interreflects,
+        goes_on=features.specular or features.transparency or features.subsurface or interreflects,
         interreflects=interreflects,
         visible_groups=visible_groups,
         emission_ahead=bool(visible_lights) or bool(visible_groups) or emitters is not None or background is not None,
@@ -320,6 +326,7 @@ def _compose(
         or (background is not None and background.program is not None)
         or any(reads_light_path(light.nodes.program) for light in computed.values()),
         terminator=terminator,
+        cast_inside=make_inside_cast(caster, order) if features.subsurface and needs_light else None,
     )
 
 

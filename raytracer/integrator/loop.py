@@ -8,18 +8,17 @@ stages run; `trace` runs them on a batch of rays, wave by wave.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, sum_columns
-from raytracer.arrays.types import Booleans, Counts, Floats
-from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
-from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
+from raytracer.arrays.types import Floats
+from raytracer.bsdfs.bounce_kinds import STRAIGHT
+from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.casting.rays import Hits, Rays
 from raytracer.film.passes import LENGTH
 from raytracer.integrator.aovs import add_sky_aovs, add_surface_aovs
-from raytracer.integrator.bounces import CERTAIN_BOUNCES, classify_rays, find_ended, survival_probability
+from raytracer.integrator.bounces import classify_rays
 from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
 from raytracer.integrator.contributions import (
     add_background,
@@ -32,17 +31,16 @@ from raytracer.integrator.contributions import (
     finish_alpha,
 )
 from raytracer.integrator.denoising import add_guides
-from raytracer.integrator.direct_light import sample_lights
-from raytracer.integrator.integrator import Integrator, find_lift
-from raytracer.integrator.light_passes import add_aimed, note_scattering, split_paths
-from raytracer.integrator.light_sources import ShadingPoints
+from raytracer.integrator.integrator import Integrator
+from raytracer.integrator.light_passes import add_aimed
 from raytracer.integrator.open_share import add_open_share
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
+from raytracer.integrator.scattering import Shaded, find_closed, find_finished, scatter
 from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_split, start_catching
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
+from raytracer.integrator.subsurface import scatter_below
 from raytracer.sampling.sampler import Sampler, share_samples
 from raytracer.sampling.sobol import SobolSamples
-from raytracer.shading.light_path import Depths
 from raytracer.shading.materials import make_shading
 from raytracer.surfaces.surface import make_surface
 
@@ -107,14 +105,6 @@ def follow_split(integrator: Integrator, passes: PathPasses, paths: Paths, hits:
     follow(catchers_only, seen, *shade_wave(catchers_only, seen, paths, hits, sampler))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Shaded:
-    """What a part of a wave leaves to do: shadow rays to cast, and paths that go on."""
-
-    shadow_rays: list[ShadowRays]
-    paths: Paths
-
-
 def shade_wave(
     integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, sampler: Sampler
 ) -> tuple[Paths, Sampler]:
@@ -148,8 +138,6 @@ def count_rays(shadow_rays: list[ShadowRays]) -> int:
 
 def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, sampler: Sampler) -> Shaded:
     """Shade hits: the bounce, from the surface that is met to the ray that leaves it."""
-    dimensions = integrator.dimensions
-
     # Surface: where is it, and which closures are there?
     surface = make_surface(integrator.tables, paths.rays, hits)
     shading = make_shading(integrator.materials, surface, describe_path(integrator, paths, hits, surface, sampler))
@@ -165,98 +153,14 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     if not integrator.needs_light:
         return Shaded([], pass_straight(integrator, passes, wave))
 
-    # Light sampling: what does each source send, if nothing is in the way?
     sampler = sampler.select(paths.row)
-    ended = find_ended(paths.bounces, integrator.settings)
-    if integrator.told_apart and integrator.settings.integrator == "direct":
-        ended |= (paths.kind & DIFFUSE) > 0  # diffuse reflection only looks for what shines
-    add_guides(integrator, passes, wave, ended)
-    ended |= find_closed(integrator, paths)
-    add_open_share(integrator, passes, wave, sampler, ended)
-    probabilities = weigh_lobes(integrator, wave, ended)
-    points = ShadingPoints(
-        surface,
-        wave.shading,
-        Depths(paths.passages, paths.bounces if integrator.tells_paths else None),
-        sampler,
-        find_lift(integrator),
-        count_all(integrator, paths),
-    )
-    throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
-    split = split_paths(passes, paths)
-    shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row, split=split)
+    ended = find_finished(integrator, paths)
+    add_guides(integrator, passes, replace(wave, shading=wave.shading.lay_open()), ended)
+    add_open_share(integrator, passes, wave, sampler, ended | find_closed(integrator, paths))
 
-    # BSDF sampling: where does the path go on?
-    if not integrator.goes_on:
-        return Shaded(shadow_rays, paths.select(slice(0, 0)))
-    choice, pair = sampler.uniform(dimensions.lobe), sampler.uniform_pair(dimensions.direction)
-    sample = sample_bsdf(wave.shading, probabilities, choice, pair)
-    note_scattering(passes, paths, wave.shading, probabilities, sample)
-
-    # Stopping: is it worth going on?
-    if passes.guides is None:
-        end_in_the_dark(integrator, paths, sample)
-    play_roulette(integrator, paths, sample, sampler)
-    return Shaded(shadow_rays, advance(wave, sample))
-
-
-def count_all(integrator: Integrator, paths: Paths) -> Counts | None:
-    """Return the bounces (k,) of all kinds of paths, or None where no light asks."""
-    return sum_columns(paths.bounces) if integrator.counts_bounces else None
-
-
-def find_closed(integrator: Integrator, paths: Paths) -> Booleans:
-    """Return (n,) True for paths that have gone straight as often as they may: they see emission, and end."""
-    return paths.passages >= max(integrator.settings.transparent_bounces, 1)
-
-
-def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
-    """Return the probabilities of the lobes that paths may go on by.
-
-    A path that has used up its bounces still sees emission where it ends: light sampling has counted on that. Where
-    diffuse reflection is the only bounce, and would be the last, light sampling is left all of it; not so where
-    geometry is emissive, for close by, in corners, no other way of sampling keeps the noise finite, nor where light
-    comes through from behind, where nobody looks for the world, nor where light samples are told apart.
-    """
-    paths, shading = wave.paths, wave.shading
-    probabilities = lobe_probabilities(shading, integrator.interreflects)
-    if ended.any():
-        open_ = ended & ~find_closed(integrator, paths)
-        probabilities[ended, 0] = (open_ & any_column(shading.transparency > 0))[ended]
-        probabilities[ended, 1:] = 0.0
-    if integrator.interreflects and integrator.emitters is None and not integrator.told_apart:
-        first = 1 + len(shading.lobes)
-        kind = np.full(len(paths), DIFFUSE, dtype=np.uint8)
-        last = find_ended(count_bounces(paths.bounces, kind), integrator.settings)
-        last &= ~probabilities[:, 1:first].any(axis=1)
-        for part in shading.tilted:
-            if part.transmits:
-                last[part.hit] = False
-        probabilities[last, 0] = probabilities[last, 0] > 0
-        probabilities[last, first:] = 0.0
-    return probabilities
-
-
-def end_in_the_dark(integrator: Integrator, paths: Paths, sample: BsdfSample) -> None:
-    """End paths that could see nothing but emission, where there is none ahead."""
-    if not integrator.emission_ahead:
-        counts = count_bounces(paths.bounces, sample.kind)
-        sample.weight[find_ended(counts, integrator.settings)] = 0.0
-
-
-def play_roulette(integrator: Integrator, paths: Paths, sample: BsdfSample, sampler: Sampler) -> None:
-    """End some of the paths that carry little light (Russian roulette), for which the others count more.
-
-    What red reflects and green does not is black: a path of no light at all never survives, nor is divided by.
-    """
-    if integrator.dimensions.roulette is None:
-        return
-    bounces = sum_columns(count_bounces(paths.bounces, sample.kind))
-    rows = np.flatnonzero(sample.alive & (bounces > CERTAIN_BOUNCES))
-    probability = survival_probability(paths.throughput[rows] * sample.weight[rows])
-    survives = sampler.select(rows).uniform(integrator.dimensions.roulette) < probability
-    factor = np.divide(1.0, probability, out=np.zeros_like(probability), where=survives)
-    sample.weight[rows] = factor[:, np.newaxis] * sample.weight[rows]
+    # Scattering: what light does the surface send on, and where does the path go on?
+    stage = scatter if integrator.cast_inside is None else scatter_below
+    return stage(integrator, passes, wave, sampler)
 
 
 def add_direct_light(integrator: Integrator, passes: PathPasses, shadow_rays: list[ShadowRays], first: bool) -> None:

@@ -12,7 +12,7 @@ A new use (a distance in a medium) gets its own line here: two uses of one numbe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 
 # Where in its pixel a camera ray goes through the film, and where through the lens.
@@ -39,6 +39,8 @@ class WaveDimensions:
     sources : of each source of light, the first of its own
     programs : of rays that shader programs cast, the first; None where no program does
     roulette : whether the path goes on; None where that is not left to chance
+    walk : of ways through what is below surfaces, the first; None where there are none
+    exit : where those end, what the numbers of a wave count from again
     count : how many a wave takes in all
     """
 
@@ -48,23 +50,31 @@ class WaveDimensions:
     programs: int | None
     roulette: int | None
     count: int
+    walk: int | None = None
+    exit: int = 0
 
 
-def allocate_dimensions(source_counts: Sequence[int], programs: bool, roulette: bool) -> WaveDimensions:
+def allocate_dimensions(
+    source_counts: Sequence[int], programs: bool, roulette: bool, walk_count: int = 0
+) -> WaveDimensions:
     """Return the table of a wave.
 
     source_counts : how many numbers each source of light takes
     programs : True where shader programs cast rays
     roulette : True where paths end by chance
+    walk_count : how many numbers a way through what is below a surface takes; 0 where there are none
 
     Examples
     --------
     >>> allocate_dimensions([2, 1], programs=True, roulette=True)
-    WaveDimensions(lobe=0, direction=1, sources=(2, 4), programs=5, roulette=6, count=7)
+    WaveDimensions(lobe=0, direction=1, sources=(2, 4), programs=5, roulette=6, count=7, walk=None, exit=0)
     """
     lobe, direction = 0, 1
     *sources, end = accumulate(source_counts, initial=direction + 1)
     count = end + programs + roulette
-    return WaveDimensions(
+    wave = WaveDimensions(
         lobe, direction, tuple(sources), end if programs else None, count - 1 if roulette else None, count
     )
+    if not walk_count:
+        return wave
+    return replace(wave, walk=count, exit=count + walk_count, count=2 * count + walk_count)

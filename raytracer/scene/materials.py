@@ -22,7 +22,7 @@ from raytracer.scene.fields import (
 from raytracer.scene.programs import Aovs, Program, Register, check_aovs, check_program, check_register, make_value
 
 # The colors of a closure, its directions, and the range of each of its numbers.
-CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction")
+CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction", "radius")
 CLOSURE_VECTORS = ("normal", "coat_normal", "tangent")
 CLOSURE_RANGES = {
     "weight": (0.0, np.inf),
@@ -34,10 +34,14 @@ CLOSURE_RANGES = {
     "anisotropy": (-1.0, 1.0),
     "rotation": (-np.inf, np.inf),
     **dict.fromkeys(("size", "smooth", "multiscatter", "simple_coat"), (0.0, 1.0)),
+    **dict.fromkeys(("subsurface", "skin", "similar"), (0.0, 1.0)),
+    "subsurface_ior": (0.0, np.inf),
+    # Sharper phase functions are as good as none (Cycles, kernel/closure/bssrdf.h).
+    "subsurface_anisotropy": (-0.99, 0.99),
 }
 CLOSURE_KINDS = (
     *("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission"),
-    *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon", "holdout"),
+    *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon", "holdout", "subsurface"),
 )
 DISTRIBUTIONS = ("ggx", "beckmann")
 
@@ -60,6 +64,11 @@ class Closure:
     size, smooth : of toon, as shares of a right angle
     distribution : of facets, one of DISTRIBUTIONS
     multiscatter : share of the light lost between facets that is given back
+    subsurface : share of the base of a principled closure whose light is scattered below the surface
+    radius : metres that red, green and blue light get there
+    subsurface_ior, subsurface_anisotropy : index of refraction by which light enters skin or a subsurface closure, mean
+        cosine of scattering
+    skin, similar : 1 for light that enters as through skin, for albedos inverted by similarity (`bsdfs.subsurface`)
     simple_coat : 1 gives no light lost between a coat's facets back, and dims what is under it as a smooth one would
     anisotropy, rotation : how far highlights are stretched along the tangent; which turns, in rounds
     normal, coat_normal : world space, any length, on the side that the ray comes from; None = the surface's
@@ -93,6 +102,12 @@ class Closure:
     simple_coat: Any = 0.0
     size: Any = 0.5
     smooth: Any = 0.0
+    subsurface: Any = 0.0
+    radius: Any = 1.0
+    subsurface_ior: Any = 1.4
+    subsurface_anisotropy: Any = 0.0
+    skin: Any = 0.0
+    similar: Any = 0.0
     distribution: str = "ggx"
     normal: Any = None
     coat_normal: Any = None

@@ -22,6 +22,7 @@ from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.closure_nodes import SCATTERING
 from raytracer.bsdfs.closures import Closures, Points, Shading, TiltedDiffuse, pack_closures
 from raytracer.bsdfs.microfacet import Microfacets
+from raytracer.bsdfs.subsurface import Subsurface
 from raytracer.scene.materials import CLOSURE_KINDS, CLOSURE_VECTORS, Closure
 from raytracer.scene.scene import Scene
 from raytracer.shading.computed import (
@@ -189,6 +190,7 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
     sign = np.where(surface.front, 1.0, -1.0)[:, np.newaxis]
     lobes: list[Microfacets] = []
     tilted: list[TiltedDiffuse] = []
+    subsurface: list[Subsurface] = []
     shading = Shading(
         normal=sign * surface.shading_normal,
         geometric_normal=sign * surface.geometric_normal,
@@ -207,12 +209,13 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
             rows = np.flatnonzero(kind_of_hit == CLOSURE_KINDS.index(kind))
             if len(rows):
                 vectors = _own_vectors(columns, slot, rows, shading)
-                points = Points(rows, surface.front[rows], shading, vectors, tilted)
+                points = Points(rows, surface.front[rows], shading, vectors, tilted, subsurface)
                 lobes.extend(add_closures(_select_parameters(table, slot, surface.material, rows, columns), points))
     return dataclasses.replace(
         shading,
         lobes=tuple(lobe for lobe in lobes if len(lobe)),
         tilted=tuple(part for part in tilted if len(part.hit)),
+        subsurface=tuple(part for part in subsurface if len(part)),
     )
 
 

@@ -75,6 +75,11 @@ FEATURES = {
         {},
         ("shadow_rays.py", "_see_through"),
     ),
+    "subsurface": (
+        lambda: make_scene(raytracer.Closure("subsurface", color=0.6, radius=0.5)),
+        {},
+        ("random_walk.py", "take_step"),
+    ),
     "emission": (
         lambda: make_scene(raytracer.Closure("emission", color=0.5)),
         {},

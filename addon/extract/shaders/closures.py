@@ -1,8 +1,8 @@
 """Shader nodes to the fields of closures: one reader for each node, listed in `CLOSURE_READERS`.
 
-Stand-ins, each with a warning: a shader that reflects colored light in a way we lack becomes diffuse (Subsurface, Hair)
-of its own color; any other becomes the default grey diffuse. Inputs that have no effect are
-named (`UNSUPPORTED_INPUTS`). A new node is one function and one row of the table.
+Stand-ins, each with a warning: a shader that reflects colored light in a way we lack becomes diffuse (Hair) of its own
+color; any other becomes the default grey diffuse. Inputs that have no effect are named (`UNSUPPORTED_INPUTS`). A new
+node is one function and one row of the table.
 """
 
 from __future__ import annotations
@@ -22,10 +22,12 @@ from .programs import ProgramBuilder
 GREY = 0.8  # what Cycles gives an object without a material
 SMALLEST_IOR = 1e-5  # as in Cycles
 LARGEST_IOR = float(np.finfo(np.float32).max)
+# As in Cycles: the largest anisotropy below surfaces.
+SHARPEST, SHARPEST_OF_SKIN = 0.99, 0.9
 
 
 STAND_IN_COLORS = {
-    **dict.fromkeys(("SUBSURFACE_SCATTERING", "BSDF_HAIR", "BSDF_HAIR_PRINCIPLED"), "Color"),
+    **dict.fromkeys(("BSDF_HAIR", "BSDF_HAIR_PRINCIPLED"), "Color"),
     "EEVEE_SPECULAR": "Base Color",
 }
 
@@ -130,8 +132,39 @@ def read_principled(inputs: NodeInputs) -> Fields:
         fields["tangent"] = inputs.tangent("Anisotropic")
     fields |= read_layers(inputs)
     if inputs.is_used("Subsurface Weight"):
-        inputs.place.warn(f"node '{inputs.node.name}': Subsurface Weight is not supported, rendered as diffuse")
+        fields["subsurface"] = inputs.number("Subsurface Weight", high=1.0)
+        fields |= read_walk(inputs, inputs.node.subsurface_method, "Subsurface ")
     return fields
+
+
+def read_walk(inputs: NodeInputs, method: str, prefix: str = "") -> Fields:
+    """Return how light is scattered below a surface.
+
+    Cycles' ranges (kernel/closure/bssrdf.h): up to 5.1 it knows no scattering backwards, and none sharper than that of
+    skin.
+    """
+    if method == "BURLEY":
+        inputs.place.warn(f"node '{inputs.node.name}': Christensen-Burley is not supported, Random Walk is used")
+    skin, similar = method == "RANDOM_WALK_SKIN", versions.inverts_by_similarity()
+    lowest = -SHARPEST if similar else 0.0
+    fields: Fields = {
+        "radius": inputs.builder.scale(inputs.color(f"{prefix}Radius"), inputs.number(f"{prefix}Scale")),
+        "subsurface_anisotropy": inputs.limited(
+            f"{prefix}Anisotropy", lowest, SHARPEST if similar and not skin else SHARPEST_OF_SKIN
+        ),
+        "skin": float(skin),
+        "similar": float(similar and not skin),
+    }
+    if skin or not prefix:
+        fields["subsurface_ior"] = inputs.number(f"{prefix}IOR")
+    return fields
+
+
+def read_subsurface(inputs: NodeInputs) -> Fields:
+    fields = {"kind": "subsurface", "color": inputs.color("Color"), "normal": inputs.normal()}
+    if inputs.node.falloff != "RANDOM_WALK_SKIN":
+        fields["roughness"] = inputs.number("Roughness", high=1.0)
+    return fields | read_walk(inputs, inputs.node.falloff)
 
 
 def read_layers(inputs: NodeInputs) -> Fields:
@@ -262,6 +295,7 @@ CLOSURE_READERS: dict[str, Callable[[NodeInputs], Fields]] = {
     "BSDF_GLASS": read_dielectric,
     "BSDF_REFRACTION": read_dielectric,
     "BSDF_TRANSLUCENT": read_translucent,
+    "SUBSURFACE_SCATTERING": read_subsurface,
     "BSDF_SHEEN": read_sheen,
     "BSDF_TOON": read_toon,
     "BSDF_TRANSPARENT": read_transparent,

@@ -9,7 +9,7 @@ import raytracer
 from raytracer.bsdfs import bsdf
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED, count_bounces, describe_kinds
 from raytracer.casting.rays import make_rays
-from raytracer.integrator import bounces, contributions, direct_light, loop
+from raytracer.integrator import bounces, contributions, direct_light, loop, scattering
 from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
 from raytracer.integrator.settings import Settings
@@ -180,7 +180,7 @@ def test_roulette_changes_no_mean(monkeypatch):
     walls = Material((Closure("diffuse", color=(0.3, 0.6, 0.9)), Closure("emission", color=1.0)))
     scene = raytracer.Scene(meshes=[BOX], materials=[walls])
     cut = look_around(scene, max_bounces=6)
-    monkeypatch.setattr(loop, "CERTAIN_BOUNCES", 100)
+    monkeypatch.setattr(scattering, "CERTAIN_BOUNCES", 100)
     whole = look_around(scene, max_bounces=6)
     error = np.hypot(cut.std(axis=0), whole.std(axis=0)) / np.sqrt(COUNT)
     assert (cut != whole).any()

@@ -16,9 +16,72 @@ pytestmark = pytest.mark.blender
 
 
 def test_unsupported_inputs_are_named_only_where_used(tree: Any) -> None:
-    add(tree, "ShaderNodeBsdfPrincipled", Subsurface_Weight=0.5, Thin_Film_Thickness=0.0)
+    node = add(tree, "ShaderNodeBsdfPrincipled", Subsurface_Weight=0.5, Thin_Film_Thickness=0.0)
+    assert not texts()
+    node.inputs["Thin Film Thickness"].default_value = 300.0
     (text,) = texts()
-    assert "Subsurface Weight is not supported, rendered as diffuse" in text
+    assert "Thin Film Thickness not supported, left out" in text
+
+
+RADIUS = {"Subsurface_Radius": (1.0, 0.5, 0.25), "Subsurface_Scale": 0.5}
+
+
+def test_subsurface_of_principled(tree: Any) -> None:
+    node = add(tree, "ShaderNodeBsdfPrincipled", Subsurface_Weight=0.75, Subsurface_Anisotropy=0.5, **RADIUS)
+    closure = extract_closure()
+    assert (closure.subsurface, closure.subsurface_anisotropy, closure.skin) == (0.75, 0.5, 0.0)
+    assert closure.similar == versions.inverts_by_similarity()
+    assert_array_equal(closure.radius, (0.5, 0.25, 0.125))
+    node.subsurface_method = "RANDOM_WALK_SKIN"
+    node.inputs["Subsurface IOR"].default_value = 1.25
+    closure = extract_closure()
+    assert (closure.skin, closure.subsurface_ior, closure.similar) == (1.0, 1.25, 0.0)
+    assert not texts()
+
+
+def test_subsurface_that_is_off_is_not_read(tree: Any) -> None:
+    add(tree, "ShaderNodeBsdfPrincipled", Subsurface_Weight=0.0, **RADIUS)
+    assert extract_closure().subsurface == 0.0
+    assert_array_equal(extract_closure().radius, (1.0, 1.0, 1.0))
+
+
+def test_subsurface_scattering(tree: Any) -> None:
+    values = {"Color": (0.25, 0.5, 1, 1), "Scale": 2.0, "Radius": (1.0, 0.5, 0.25), "IOR": 1.25, "Roughness": 0.5}
+    node = add(tree, "ShaderNodeSubsurfaceScattering", **values)
+    closure = extract_closure()
+    assert (closure.kind, closure.subsurface_ior, closure.roughness) == ("subsurface", 1.25, 0.5)
+    assert_array_equal(closure.color, (0.25, 0.5, 1))
+    assert_array_equal(closure.radius, (2.0, 1.0, 0.5))
+    assert not texts()
+    node.falloff = "BURLEY"
+    assert extract_closure().kind == "subsurface"
+    assert ["Christensen-Burley is not supported, Random Walk is used" in text for text in texts()] == [True]
+
+
+@pytest.mark.parametrize("version", [(5, 1, 2), (5, 2, 0)])
+@pytest.mark.parametrize("method", ["RANDOM_WALK", "RANDOM_WALK_SKIN"])
+def test_ranges_of_anisotropy_below_surfaces(
+    tree: Any, monkeypatch: pytest.MonkeyPatch, version: tuple[int, ...], method: str
+) -> None:
+    is_new = version >= (5, 2)
+    monkeypatch.setattr(versions, "inverts_by_similarity", lambda: is_new)
+    node = add(tree, "ShaderNodeSubsurfaceScattering")
+    node.falloff = method
+    found = []
+    for value in (-1.0, 1.0):
+        node.inputs["Anisotropy"].default_value = value
+        found.append(extract_closure().subsurface_anisotropy)
+    assert found == [-0.99 if is_new else 0.0, 0.99 if is_new and method == "RANDOM_WALK" else 0.9]
+
+
+def test_a_texture_computes_what_is_below_a_surface(tree: Any) -> None:
+    node = add(tree, "ShaderNodeSubsurfaceScattering")
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    for name in ("Scale", "Radius", "Anisotropy"):
+        tree.links.new(noise.outputs[0], node.inputs[name])
+    closure = extract_closure()
+    assert isinstance(closure.radius, Register)
+    assert isinstance(closure.subsurface_anisotropy, Register)
 
 
 def test_principled_layers(tree: Any) -> None:

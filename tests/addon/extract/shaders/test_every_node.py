@@ -22,7 +22,7 @@ pytestmark = pytest.mark.blender
 WARNED = {
     *("BSDF_HAIR", "BSDF_HAIR_PRINCIPLED", "HAIR_INFO"),
     *("PRINCIPLED_VOLUME", "VOLUME_ABSORPTION", "VOLUME_COEFFICIENTS", "VOLUME_INFO", "VOLUME_SCATTER"),
-    *("BEVEL", "BSDF_RAY_PORTAL", "SUBSURFACE_SCATTERING", "ShaderNodeRadialTiling"),
+    *("BEVEL", "BSDF_RAY_PORTAL", "ShaderNodeRadialTiling"),
     # Of Eevee, of Freestyle's lines, and of Open Shading Language, which no other engine reads; old ones.
     *("EEVEE_SPECULAR", "SHADERTORGB", "UVALONGSTROKE", "SCRIPT", "SQUEEZE"),
 }

@@ -1,0 +1,156 @@
+"""The scattering of light at surfaces: what they send on of the light around them, and where their paths go on.
+
+Sources of light are sampled, then the BSDF; what is not worth following ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from raytracer.arrays.rows import any_column, sum_columns
+from raytracer.arrays.types import Booleans, Counts, Floats, Numbers
+from raytracer.bsdfs.bounce_kinds import DIFFUSE, count_bounces
+from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
+from raytracer.integrator.bounces import CERTAIN_BOUNCES, find_ended, survival_probability
+from raytracer.integrator.direct_light import sample_lights
+from raytracer.integrator.integrator import Integrator, find_lift
+from raytracer.integrator.light_passes import note_scattering, split_paths
+from raytracer.integrator.light_sources import ShadingPoints
+from raytracer.integrator.paths import PathPasses, Paths, Wave, advance
+from raytracer.integrator.shadow_rays import ShadowRays
+from raytracer.sampling.sampler import Sampler
+from raytracer.shading.light_path import Depths
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shaded:
+    """What a part of a wave leaves to do: shadow rays to cast, and paths that go on."""
+
+    shadow_rays: list[ShadowRays]
+    paths: Paths
+
+
+def scatter(integrator: Integrator, passes: PathPasses, wave: Wave, sampler: Sampler) -> Shaded:
+    """Scatter light at the surfaces of a wave, and its paths; sampler : of the wave's paths."""
+    ended = find_finished(integrator, wave.paths) | find_closed(integrator, wave.paths)
+    probabilities = weigh_lobes(integrator, wave, ended)
+    choice = sampler.uniform(integrator.dimensions.lobe) if integrator.goes_on else None
+    return scatter_by(integrator, passes, wave, sampler, ended, probabilities, choice)
+
+
+def scatter_by(
+    integrator: Integrator,
+    passes: PathPasses,
+    wave: Wave,
+    sampler: Sampler,
+    ended: Booleans,
+    probabilities: Floats,
+    choice: Numbers | None,
+    elsewhere: Booleans | None = None,
+) -> Shaded:
+    """Scatter light at the surfaces of a wave, and its paths by lobes of such probabilities.
+
+    ended : (n,) bool, True for paths that only see emission here
+    probabilities : (n, lobes) float64; rows come to less than 1 where paths take other ways as well
+    choice : (n,) uniform numbers that choose the lobe; None where no path goes on
+    elsewhere : (n,) bool, True for paths that have taken another way; None where none have
+    """
+    paths = wave.paths
+
+    # Light sampling: what does each source send, if nothing is in the way?
+    points = ShadingPoints(
+        wave.surface,
+        wave.shading,
+        Depths(paths.passages, paths.bounces if integrator.tells_paths else None),
+        sampler,
+        find_lift(integrator),
+        count_all(integrator, paths),
+    )
+    throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
+    split = split_paths(passes, paths)
+    shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row, split=split)
+
+    # BSDF sampling: where does the path go on?
+    if choice is None:
+        return Shaded(shadow_rays, paths.select(slice(0, 0)))
+    pair = sampler.uniform_pair(integrator.dimensions.direction)
+    sample = sample_bsdf(wave.shading, probabilities, choice, pair)
+    if elsewhere is not None:
+        sample.weight[elsewhere] = 0.0
+    note_scattering(passes, paths, wave.shading, probabilities, sample)
+
+    # Stopping: is it worth going on?
+    if passes.guides is None:
+        end_in_the_dark(integrator, paths, sample)
+    play_roulette(integrator, paths, sample, sampler)
+    return Shaded(shadow_rays, advance(wave, sample))
+
+
+def count_all(integrator: Integrator, paths: Paths) -> Counts | None:
+    """Return the bounces (k,) of all kinds of paths, or None where no light asks."""
+    return sum_columns(paths.bounces) if integrator.counts_bounces else None
+
+
+def find_finished(integrator: Integrator, paths: Paths) -> Booleans:
+    """Return (n,) True for paths that have used up their bounces; where light samples are told apart, the direct
+    integrator's diffuse reflections only look for what shines."""
+    ended = find_ended(paths.bounces, integrator.settings)
+    if integrator.told_apart and integrator.settings.integrator == "direct":
+        ended |= (paths.kind & DIFFUSE) > 0
+    return ended
+
+
+def find_closed(integrator: Integrator, paths: Paths) -> Booleans:
+    """Return (n,) True for paths that have gone straight as often as they may: they see emission, and end."""
+    return paths.passages >= max(integrator.settings.transparent_bounces, 1)
+
+
+def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
+    """Return the probabilities of the lobes that paths may go on by.
+
+    A path that has used up its bounces still sees emission where it ends: light sampling has counted on that. Where
+    diffuse reflection is the only bounce, and would be the last, light sampling is left all of it; not so where
+    geometry is emissive, for close by, in corners, no other way of sampling keeps the noise finite, nor where light
+    comes through from behind, where nobody looks for the world, nor where light samples are told apart.
+    """
+    paths, shading = wave.paths, wave.shading
+    probabilities = lobe_probabilities(shading, integrator.interreflects)
+    if ended.any():
+        open_ = ended & ~find_closed(integrator, paths)
+        probabilities[ended, 0] = (open_ & any_column(shading.transparency > 0))[ended]
+        probabilities[ended, 1:] = 0.0
+    if integrator.interreflects and integrator.emitters is None and not integrator.told_apart:
+        first = 1 + len(shading.lobes)
+        kind = np.full(len(paths), DIFFUSE, dtype=np.uint8)
+        last = find_ended(count_bounces(paths.bounces, kind), integrator.settings)
+        last &= ~probabilities[:, 1:first].any(axis=1)
+        for part in shading.tilted:
+            if part.transmits:
+                last[part.hit] = False
+        probabilities[last, 0] = probabilities[last, 0] > 0
+        probabilities[last, first:] = 0.0
+    return probabilities
+
+
+def end_in_the_dark(integrator: Integrator, paths: Paths, sample: BsdfSample) -> None:
+    """End paths that could see nothing but emission, where there is none ahead."""
+    if not integrator.emission_ahead:
+        counts = count_bounces(paths.bounces, sample.kind)
+        sample.weight[find_ended(counts, integrator.settings)] = 0.0
+
+
+def play_roulette(integrator: Integrator, paths: Paths, sample: BsdfSample, sampler: Sampler) -> None:
+    """End some of the paths that carry little light (Russian roulette), for which the others count more.
+
+    What red reflects and green does not is black: a path of no light at all never survives, nor is divided by.
+    """
+    if integrator.dimensions.roulette is None:
+        return
+    bounces = sum_columns(count_bounces(paths.bounces, sample.kind))
+    rows = np.flatnonzero(sample.alive & (bounces > CERTAIN_BOUNCES))
+    probability = survival_probability(paths.throughput[rows] * sample.weight[rows])
+    survives = sampler.select(rows).uniform(integrator.dimensions.roulette) < probability
+    factor = np.divide(1.0, probability, out=np.zeros_like(probability), where=survives)
+    sample.weight[rows] = factor[:, np.newaxis] * sample.weight[rows]
