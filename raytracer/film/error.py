@@ -133,7 +133,8 @@ def measure_error(squares: Floats, level: float, width: int, interleaving: int =
     squares : (pixels,) float64, d^2 of each pixel, the mean of its channels; along rows from the lower left corner
     level : the mean of the picture's channels
     width : pixels of a row
-    interleaving : side of the squares of pixels that take different points of lights (`lights.shared_points`)
+    interleaving : side of the squares of pixels that take different points of lights (`lights.shared_points`), or times
+        (`film.shutter`); 0 where each has its own
     """
     total = float(squares.sum())
     if not np.isfinite(total + level):
@@ -167,8 +168,8 @@ def relate(square: float, level: float) -> float:
 def count_freedom(squares: Floats, width: int, interleaving: int, missed: float = 0.0) -> float:
     """Return the degrees of freedom of the sum of `squares`, and one more of `missed`, (sum v)^2 / sum v^2.
 
-    Pixels that share points of lights are wrong together. Where they do, each of the G sets of pixels that take
-    different ones has a sum S of its own, numbers from one distribution, of the variance s^2: their total has the
+    Pixels that share points of lights, or times, are wrong together. Where they do, each of the G sets of pixels that
+    take different ones has a sum S of its own, numbers from one distribution, of the variance s^2: their total has the
     variance G s^2, that of a chi-square would be 2 total^2 / nu. Since s^2 is known from G numbers alone, it is taken
     as much larger as Student's quantile is than the normal one, squared. Of one set no s^2 is known: one degree is
     left.

@@ -83,6 +83,7 @@ class Film:
     ended_by : what it was done by, 'samples', 'error' or 'time'; 'cancelled' where the user stopped it, '' before
     catches : True where Combined is completed by what shadow catchers show
     interleaving : side of the squares of pixels that take different points of lights, 0 where none are shared
+    time_side : side of the squares of pixels that take different times, 0 where nothing moves
     pilot : where samples are adaptive, the sweeps that are even, from which the others follow; 0 where all are
     ahead : pixels, the first ones, that have a sample of the next sweep already
     total : the samples that the picture is to have
@@ -113,6 +114,7 @@ class Film:
     ended_by: str = ""
     catches: bool = False
     interleaving: int = 0
+    time_side: int = 0
     pilot: int = 0
     ahead: int = 0
     total: int = 0
@@ -287,7 +289,8 @@ class Film:
             raise KeyError(f"the film has no pass 'Combined', which has an error; it has {', '.join(self.names)}")
         with np.errstate(over="ignore", invalid="ignore"):  # of what is infinite nothing is known
             level = np.mean([self._read("Combined", pixels)[:, :3].mean() for pixels in self._rows()])
-        return measure_error(self.square_errors(), float(level), self.width, self.interleaving)
+        sides = [side for side in (self.interleaving, self.time_side) if side]
+        return measure_error(self.square_errors(), float(level), self.width, min(sides, default=0))
 
     @property
     def error(self) -> float:

@@ -111,7 +111,7 @@ def restore_film(outline: dict[str, Any], size: int) -> Film:
         raise ValueError("a film with other fields")
     fields = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
     width, height, names = fields["width"], fields["height"], fields["names"]
-    numbers = (width, height, *(fields[name] for name in ("samples", "ahead", "total", "left", "bottom")))
+    numbers = (width, height, *(fields[name] for name in ("samples", "ahead", "total", "left", "bottom", "time_side")))
     if any(type(number) is not int or number < 0 for number in numbers):
         raise ValueError(f"a film of the size {width} x {height}")
     if not 0 < width * height <= min(size, MOST_PIXELS) or fields["ahead"] > width * height:

@@ -27,6 +27,22 @@ from raytracer.scene.scene import Scene
 KEPT_PRIMITIVES = 1 << 21
 
 
+def count_moving(scene: Scene) -> int:
+    """Return the primitives of a scene in which more moves than the camera, else 0."""
+    if scene.motion is None or not moves_geometry(scene.motion):
+        return 0
+    triangles = np.array([len(mesh.triangles) for mesh in scene.meshes], dtype=np.int64)
+    placed = triangles.sum() if scene.instances is None else triangles[scene.instances.mesh].sum()
+    return int(placed) + sum(len(group.radii) for group in scene.spheres)
+
+
+def find_time_side(scene: Scene, window: FrameWindow) -> int:
+    """Return the side of the squares whose pixels take different times, 0 of a scene where nothing moves."""
+    if scene.motion is None:
+        return 0
+    return choose_side(window.full_width * window.full_height, count_moving(scene))
+
+
 class MovingTracer:
     """Traces blocks as BlockTracer does, of a scene with motion."""
 
@@ -41,8 +57,8 @@ class MovingTracer:
         assert scene.motion is not None
         self._scene, self._caster, self._window = scene, caster, window
         self._motion, self._settings, self._is_cancelled = scene.motion, settings, is_cancelled
-        primitives = int(caster.geometry.first_id[-1]) if moves_geometry(scene.motion) else 0
-        self._side = choose_side(window.full_width * window.full_height, primitives)
+        primitives = count_moving(scene)
+        self._side = find_time_side(scene, window)
         self._sampled = _select(settings, from_centre=False)
         self._centred = _select(settings, from_centre=True)
         self._moments: dict[float, BlockTracer] = {}

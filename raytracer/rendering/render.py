@@ -39,7 +39,7 @@ from raytracer.rendering.blocks import (
     trace_blocks,
 )
 from raytracer.rendering.ending import EndedBy, Ending
-from raytracer.rendering.moving_tracer import MovingTracer
+from raytracer.rendering.moving_tracer import MovingTracer, find_time_side
 from raytracer.sampling.sobol import REPLICATIONS
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_digest import digest_scene
@@ -164,6 +164,7 @@ def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
         settings.passes,
         catches=catches_shadows(derive_features(scene), settings),
         interleaving=window.interleaving,
+        time_side=find_time_side(scene, window),
         exposure=settings.exposure,
         pilot=choose_pilot(sweeps) if is_adaptive else 0,
         total=sweeps,
