@@ -34,17 +34,17 @@ def add_node(tree: bpy.types.NodeTree, kind: str, inputs: dict[str, Any], **prop
     return node
 
 
-def displace(material: bpy.types.Material, height: bpy.types.NodeSocket, scale: float, method: str) -> None:
+def displace(material: bpy.types.Material, height: bpy.types.NodeSocket, scale: float) -> None:
     """Let a height move the surface of a material."""
     tree = material.node_tree
     moved = add_node(tree, "ShaderNodeDisplacement", {"Height": height, "Midlevel": 0.0, "Scale": scale})
     output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
     tree.links.new(moved.outputs[0], output.inputs["Displacement"])
-    material.displacement_method = method
+    material.displacement_method = "DISPLACEMENT"
 
 
 def add_ground() -> None:
-    """A plane of dried mud, which cracks along the edges of cells and bends a little more than it moves."""
+    """A plane of dried mud, which cracks along the edges of cells."""
     mud = building.make_principled("Mud", (0.36, 0.25, 0.16), roughness=0.85)
     tree = mud.node_tree
     place = tree.nodes.new("ShaderNodeTexCoord").outputs["Object"]
@@ -55,7 +55,7 @@ def add_ground() -> None:
     height = add_node(
         tree, "ShaderNodeMath", {0: noise.outputs[0], 1: 0.25, 2: ramp.outputs[0]}, operation="MULTIPLY_ADD"
     )
-    displace(mud, height.outputs[0], 0.12, "BOTH")
+    displace(mud, height.outputs[0], 0.12)
     ground = building.link_object("Ground", building.make_plane("Ground", 14, 14), (0, 1.5, 0), materials=[mud])
     building.subdivide(ground, 9, "SIMPLE")
 
@@ -63,7 +63,7 @@ def add_ground() -> None:
 def add_ball(name: str, place: tuple[float, float, float], color: Any, scale: float, make_height: Any) -> None:
     """Add a ball whose geometry alone a texture moves."""
     material = building.make_principled(name, color, roughness=0.6)
-    displace(material, make_height(material.node_tree), scale, "DISPLACEMENT")
+    displace(material, make_height(material.node_tree), scale)
     mesh = building.make_sphere(name, 0.75, 48)
     building.subdivide(building.link_object(name, mesh, place, materials=[material]), 2)
 
@@ -96,7 +96,7 @@ def add_shield() -> None:
     height = add_node(
         tree, "ShaderNodeMath", {0: dents.outputs["Distance"], 1: 0.35, 2: rings}, operation="MULTIPLY_ADD"
     )
-    displace(gold, height.outputs[0], 0.09, "DISPLACEMENT")
+    displace(gold, height.outputs[0], 0.09)
     profile = tuple((radius / 60, 0.12 - 0.12 * (radius / 60) ** 2) for radius in range(61))
     disc = building.make_lathe("Shield", profile, 128)
     shield = building.link_object("Shield", disc, (0.0, 1.6, 1.1), rotation=(72, 0, 0), materials=[gold])
