@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.casting.caster import build
 
+from ...extract.camera import extract_camera
 from ...extract.scene import Extraction, extract_scene
+from ...extract.warnings import WarningList
 from ..verdicts import AGREES, DIFFERS
 from .judge import Judge
 from .rays import Aimed, aim_rays
@@ -87,9 +89,11 @@ def find_same(ours: Answers, blender: Answers) -> Booleans:
 def compare_with_ray_cast(
     scene: Any, depsgraph: Any, width: int, height: int, count: int, seed: int = 0
 ) -> tuple[RayCastComparison, Sides]:
-    """Cast the camera's rays (width x height) and `count` rays of each other family of `rays` on both sides."""
-    sides, extraction = make_sides(scene, depsgraph)
-    rays = aim_rays(sides.caster.geometry, extraction.scene.camera, width, height, count, seed)
+    """Cast the camera's rays (width x height) and `count` rays of each other family of `rays` on both sides; at geometry
+    that no material moves, for Blender's rays know of no other."""
+    sides, _ = make_sides(scene, depsgraph, geometry_only=True)
+    camera = extract_camera(depsgraph.scene_eval, WarningList())
+    rays = aim_rays(sides.caster.geometry, camera, width, height, count, seed)
     return compare_sides(sides, rays, seed), sides
 
 

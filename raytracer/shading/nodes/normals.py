@@ -168,7 +168,7 @@ OPERATIONS = {
         bump,
         ("Strength", "Distance", "Filter Width", "Normal"),
         ("Normal",),
-        ("height", "invert"),
+        ("height", "invert", "of_object"),
         reads_site=True,
         runs_programs=True,
         links=_NORMAL,

@@ -28,6 +28,7 @@ def expected() -> list[str]:
 
 @pytest.mark.parametrize("library", ["libm", "blas"])
 def test_hits_are_the_same_with_a_library_that_is_an_ulp_off(expected: list[str], library: str) -> None:
+    """Of BLAS and LAPACK, nothing is called: matrices of instances are inverted by Cramer's rule."""
     hashes, moved = cast(library)
-    assert moved > 0
+    assert (moved > 0) == (library == "libm")
     assert hashes == expected
