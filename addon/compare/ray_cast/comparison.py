@@ -89,8 +89,8 @@ def find_same(ours: Answers, blender: Answers) -> Booleans:
 def compare_with_ray_cast(
     scene: Any, depsgraph: Any, width: int, height: int, count: int, seed: int = 0
 ) -> tuple[RayCastComparison, Sides]:
-    """Cast the camera's rays (width x height) and `count` rays of each other family of `rays` on both sides; at geometry
-    that no material moves, for Blender's rays know of no other."""
+    """Cast the camera's rays (width x height) and `count` rays of each other family of `rays` on both sides, at
+    geometry that no material moves: Blender's rays know of no other."""
     sides, _ = make_sides(scene, depsgraph, geometry_only=True)
     camera = extract_camera(depsgraph.scene_eval, WarningList())
     rays = aim_rays(sides.caster.geometry, camera, width, height, count, seed)
