@@ -112,6 +112,4 @@ def _asks(material: Material, fields: Mapping[str, Sequence[str]], outputs: Sequ
 
 
 def _ask(program: Program | None, wanted: Sequence[Any], outputs: Sequence[str]) -> bool:
-    if program is None:
-        return False
-    return reads_light_path(Program([program.steps[number] for number in find_needed(program, wanted)]), outputs)
+    return program is not None and reads_light_path(program, outputs, find_needed(program, wanted))

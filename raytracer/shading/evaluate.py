@@ -198,15 +198,16 @@ def evaluate_result(program: Program, site: Site) -> Array:
     return outputs[program.result] if isinstance(program.result, Register) else np.asarray(program.result)
 
 
-def list_steps(program: Program) -> Iterator[Step]:
-    """Yield all steps, those of inner programs included, each program once."""
-    waiting, known = [program], {id(program)}
+def list_steps(program: Program, needed: tuple[int, ...] | None = None) -> Iterator[Step]:
+    """Yield all steps, or those `needed` (of `find_needed`), and those of the programs that they run, each once."""
+    steps = program.steps if needed is None else [program.steps[number] for number in needed]
+    waiting, known = [steps], {id(program)}
     while waiting:
-        for step in waiting.pop().steps:
+        for step in waiting.pop():
             yield step
             inner = [value for value in step.settings.values() if isinstance(value, Program) and id(value) not in known]
             known.update(map(id, inner))
-            waiting.extend(inner)
+            waiting.extend(one.steps for one in inner)
 
 
 def list_attributes(program: Program) -> set[str]:
@@ -214,21 +215,24 @@ def list_attributes(program: Program) -> set[str]:
     return {name for step in list_steps(program) for name in OPERATIONS[step.operation].attributes(step.settings)}
 
 
-def reads_light_path(program: Program | None, outputs: Iterable[str] | None = None) -> bool:
+def reads_light_path(
+    program: Program | None, outputs: Iterable[str] | None = None, needed: tuple[int, ...] | None = None
+) -> bool:
     """True where a program asks how the ray came.
 
     outputs : of the Light Path node, those that count; None for all
+    needed : the steps that count, of `find_needed`; None for all
     """
     if program is None:
         return False
     named = None if outputs is None else {LIGHT_PATH + output for output in outputs}
-    asked = (step.operation for step in list_steps(program) if step.operation.startswith(LIGHT_PATH))
+    asked = (step.operation for step in list_steps(program, needed) if step.operation.startswith(LIGHT_PATH))
     return any(named is None or operation in named for operation in asked)
 
 
 def reads_place(program: Program, needed: tuple[int, ...]) -> bool:
     """True where what the steps `needed` compute differs from point to point, or from direction to direction."""
-    steps = list_steps(Program([program.steps[number] for number in needed]))
+    steps = list_steps(program, needed)
     return any(OPERATIONS[step.operation].reads_site and not step.operation.startswith(LIGHT_PATH) for step in steps)
 
 

@@ -14,6 +14,7 @@ from raytracer.sampling.warps import power_heuristic
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.materials import Closure, Material
 from raytracer.scene.programs import Program, Register, Step
+from raytracer.shading.evaluate import OPERATIONS
 from tests.raytracer.integrator.test_light_visibility import (
     CLEAR,
     DIFFUSE,
@@ -151,3 +152,22 @@ def test_what_makes_a_difference_is_told_apart_where_it_does():
     for veil in (tinted("Is Shadow Ray", 1.0), stopping):
         assert list_kinds(**glows, materials=[veil, GLOW], world=world, lights=lamps) == {WORLD, LIGHT, GEOMETRY}
     assert not list_kinds(materials=[CLEAR], world=world, lights=lamps)
+
+
+@pytest.mark.parametrize("asks", [True, False])
+def test_steps_that_light_does_not_need_ask_nothing(asks):
+    """Of a program whose steps lie between those that are not needed: what it asks for the surface's color is of no
+    matter, what it asks for its strength is."""
+    glow = Step("LIGHT_PATH Is Diffuse Ray", ()) if asks else Step("NEW_GEOMETRY Backfacing", ())
+    steps = (
+        Step("LIGHT_PATH Is Glossy Ray", ()),
+        Step("MATH", (Register(0, "Is Glossy Ray"), 2.0, 0.0), {"operation": "MULTIPLY"}),
+        glow,
+        Step("MATH", (Register(2, next(iter(OPERATIONS[glow.operation].outputs))), 3.0, 0.0), {"operation": "ADD"}),
+        Step("number to vector", (Register(3, "Value"),)),
+    )
+    closures = (Closure("emission", color=Register(4, "Value")), Closure("diffuse", weight=Register(1, "Value")))
+    material = Material(closures, program=Program(steps))
+    scene = raytracer.Scene(meshes=[square(0.0)], materials=[material], camera=raytracer.Camera(np.eye(4)))
+    integrator = prepare(scene, raytracer.build(scene), Settings(integrator="path"), (4, 4))
+    assert (GEOMETRY in integrator.told_apart) == asks
