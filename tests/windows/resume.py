@@ -17,7 +17,7 @@ import stage
 
 WAIT_SECONDS = 240.0
 SIZE = (160, 100)
-SAMPLES, VIEWPORT_SAMPLES = 24, 1
+SAMPLES, VIEWPORT_SAMPLES = 120, 1
 WORKERS = 2
 
 stage.register_addon()
