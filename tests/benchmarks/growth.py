@@ -22,8 +22,8 @@ from raytracer.film.film import Film
 from raytracer.film.film_picture import save_picture
 from raytracer.processes.workers import Workers
 from raytracer.rendering.blocks import BlockPlan
-from tests import meshes
 from tests.benchmarks.timing import describe_machine
+from tests.large_scenes import make_crowd, make_terrain
 
 COUNT = 1_000_000
 RAY = ((0.1, 0.2, 900.0), (0.0, 0.0, -1.0))
@@ -31,6 +31,7 @@ TEN_PASSES = (
     *("Combined", "Depth", "Normal", "Position", "UV", "Diffuse Direct", "Diffuse Indirect"),
     *("Glossy Direct", "Glossy Indirect", "Emission"),
 )
+GREY = raytracer.Material((raytracer.Closure("diffuse"),))
 READ_MESHES = """
 import time, bpy, addon
 from addon.extract.scene import extract_scene
@@ -63,27 +64,6 @@ print("seconds", statistics.median(after - before for before, after in zip(times
 """
 
 
-def make_terrain() -> raytracer.Scene:
-    """A grid of COUNT triangles."""
-    side = int(np.sqrt(COUNT / 2))
-    x, y = np.meshgrid(*2 * [np.linspace(-1, 1, side + 1)])
-    positions = np.stack([x, y, 0.1 * np.sin(9 * x) * np.cos(7 * y)], axis=-1).reshape(-1, 3)
-    corner = np.arange(side * (side + 1)).reshape(side, side + 1)[:, :-1].ravel()
-    lower, upper = (corner, corner + 1, corner + side + 2), (corner, corner + side + 2, corner + side + 1)
-    triangles = np.concatenate([np.stack(corners, axis=1) for corners in (lower, upper)])
-    return raytracer.Scene(meshes=[raytracer.Mesh(positions, triangles)])
-
-
-def make_crowd() -> raytracer.Scene:
-    """COUNT balls of 80 triangles."""
-    rng = np.random.default_rng(0)
-    matrices = np.tile(np.eye(4), (COUNT, 1, 1))
-    matrices[:, :3, :3] += rng.normal(size=(COUNT, 3, 3)) * 0.2
-    matrices[:, :3, 3] = rng.uniform(-200, 200, (COUNT, 3))
-    instances = raytracer.Instances(np.zeros(COUNT, np.int32), matrices)
-    return raytracer.Scene(meshes=[raytracer.Mesh(*meshes.make_icosphere(1))], instances=instances)
-
-
 def show_build(scene: raytracer.Scene) -> str:
     """Return what the tree for a single ray takes: seconds, and bytes for each of COUNT with the scene's own."""
     started = time.process_time()
@@ -101,7 +81,7 @@ def show_build(scene: raytracer.Scene) -> str:
 
 def show_start() -> str:
     """Return what two workers take to get a caster that their parent has built: seconds, and memory of one's own."""
-    caster = raytracer.build(make_terrain())
+    caster = raytracer.build(make_terrain(COUNT))
     caster.closest_hit(*RAY)
     with Workers(2) as workers:
         workers.load(partial, int)  # once this is there, Python and NumPy are
@@ -121,6 +101,27 @@ def show_shares() -> str:
     """Return how many of 40 workers have something to do in a picture of 512 x 512 pixels and 4 samples."""
     plan = BlockPlan(512 * 512, 4, 1 << 18, workers=40)
     return f"{min(40, sum(1 for _ in plan))} of 40"
+
+
+def show_adding() -> str:
+    """Return what the parent takes to receive and add a sample of two workers, of Combined and with four passes more,
+    and how many workers that could keep busy whose samples take as long as these, of one bare plane."""
+    quad = raytracer.Mesh([(-9, -9, -5), (9, -9, -5), (9, 9, -5), (-9, 9, -5)], [(0, 1, 2), (0, 2, 3)])
+    scene = raytracer.Scene(
+        meshes=[quad], world=raytracer.World((0.5, 0.6, 0.7)), camera=raytracer.Camera(np.eye(4)), materials=[GREY]
+    )
+    shown = []
+    with Workers(2) as workers:
+        for passes in (("Combined",), ("Combined", "Normal", "Diffuse Color", "Diffuse Direct", "Diffuse Indirect")):
+            own, traced = [], []
+            for seed in range(4):
+                started = time.process_time()
+                film = raytracer.render(scene, 512, 512, 8, workers=workers, passes=passes, seed=seed)
+                own.append(time.process_time() - started)
+                traced.append(2 * film.statistics.trace_seconds)
+            share, whole = (np.median(times[1:]) / (512 * 512 * 8) * 1e9 for times in (own, traced))
+            shown.append(f"{share:.0f} ns of {whole:.0f}: {whole / share:.0f} workers")
+    return "; ".join(shown)
 
 
 def show_passes() -> str:
@@ -156,11 +157,17 @@ def show_frames() -> str:
 ROWS: tuple[tuple[str, str, str, Callable[[], str]], ...] = (
     ("two workers get a scene of 1M triangles (by the clock)", "1.9 s, 190 MB", "0.4 s, 32 MB", show_start),
     ("workers that a small picture uses", "8 of 40", "all", show_shares),
+    ("a sample, received and added by the parent (1 and 5 passes)", "some 40 workers", "more", show_adding),
     ("ten passes, written", "21 to 23 GB at 8k", "2.2 times the sums", show_passes),
     ("10,000 own meshes, read", "8.2 s", "1.5 s", show_meshes),
     ("a frame of 64 x 36 pixels, Cornell box, 1 sample", "147 ms", "40 ms", show_frames),
-    ("1M triangles, first ray", "230 bytes each", "160 bytes each", lambda: show_build(make_terrain())),
-    ("1M instances, first ray", "4.8 s; 980 bytes each", "2 s; 400 bytes each", lambda: show_build(make_crowd())),
+    ("1M triangles, first ray", "230 bytes each", "160 bytes each", lambda: show_build(make_terrain(COUNT))),
+    (
+        "1M instances, first ray",
+        "4.8 s; 980 bytes each",
+        "2 s; 400 bytes each",
+        lambda: show_build(make_crowd(COUNT, 200.0)),
+    ),
 )
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from addon.panels import motion_blur
 from addon.properties import ENGINE
-from tests.addon.panels.test_panels import draw
+from tests.addon.panels.panel_fixtures import draw
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
 

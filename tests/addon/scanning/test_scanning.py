@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from addon.scanning import panels
-from tests.addon.panels.test_panels import RecordingLayout
+from tests.addon.panels.panel_fixtures import RecordingLayout
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 
