@@ -27,7 +27,7 @@ from .linking import Linked, read_linking
 from .mesh_table import MeshEntry, MeshTable
 from .meshes import Points, extract_points, open_mesh
 from .motion import Tracks
-from .shaders.materials import MaterialTable
+from .shaders.material_table import MaterialTable
 from .shaders.nodes import WarningContext
 from .warnings import Warning, WarningList
 

@@ -31,7 +31,7 @@ from .motion import (
     span_neighbors,
 )
 from .placing import place_parts
-from .shaders.materials import MaterialTable
+from .shaders.material_table import MaterialTable
 from .warnings import Warning, WarningList
 from .world import extract_world
 

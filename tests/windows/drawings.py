@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,10 +14,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import stage
 
 SIZE = (320, 200)
-WAIT_SECONDS = 240.0
 
 stage.register_addon()
-_begun = 0.0
 
 
 def add_drawing() -> float:
@@ -34,24 +31,8 @@ def add_drawing() -> float:
     drawing.location = camera.matrix_world.translation + camera.matrix_world.to_quaternion() @ Vector((0, 0, -1.5))
     drawing.scale = (0.4, 0.4, 0.4)
     stage.record["drawing"] = drawing.type
-    return 1.0
-
-
-def press_f12() -> float:
-    global _begun
     bpy.context.preferences.view.render_display_type = "AREA"
-    with stage.within(stage.find_area("VIEW_3D")):
-        bpy.ops.render.render("INVOKE_DEFAULT")
-    _begun = time.monotonic()
-    return 3.0
-
-
-def wait() -> Iterator[stage.Step]:
-    """Yield steps until the render is done."""
-    while bpy.app.is_job_running("RENDER"):
-        if time.monotonic() > _begun + WAIT_SECONDS:
-            raise TimeoutError("the render did not end")
-        yield lambda: None
+    return 1.0
 
 
 def look_at_line() -> None:
@@ -65,8 +46,8 @@ def look_at_line() -> None:
 
 def steps() -> Iterator[stage.Step]:
     """Yield all steps."""
-    yield from (add_drawing, press_f12)
-    yield from wait()
+    yield from (add_drawing, stage.press_f12)
+    yield from stage.wait_for()
     yield stage.take_picture("done")
     yield look_at_line
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 import stage
 
-WAIT_SECONDS = 240.0
 TEXTURE = 64
 SIZE = (240, 150)
 
@@ -83,16 +81,6 @@ def start_bake() -> float:
     return 1.0
 
 
-def wait(kind: str) -> Iterator[stage.Step]:
-    """Yield steps until a job is done."""
-    ends = time.monotonic() + WAIT_SECONDS
-    yield lambda: 1.0
-    while bpy.app.is_job_running(kind):
-        if time.monotonic() > ends:
-            raise TimeoutError(f"{kind} did not end")
-        yield lambda: None
-
-
 def show_image(name: str) -> stage.Step:
     """Return a step that shows an image in place of the 3D view, and writes down how bright it is."""
 
@@ -133,7 +121,7 @@ def draw_lines() -> None:
         lines = settings.linesets[0] if settings.linesets else settings.linesets.new("Lines")
         lines.linestyle = lines.linestyle or bpy.data.linestyles.new("Lines")
         stage.record["linestyles"] = len(bpy.data.linestyles)
-    press_f12()
+    stage.press_f12()
 
 
 def use_two_eyes() -> None:
@@ -142,13 +130,7 @@ def use_two_eyes() -> None:
     scene.render.use_freestyle = False
     scene.render.use_multiview = True
     scene.camera.data.stereo.convergence_distance = 2.0
-    press_f12()
-
-
-def press_f12() -> None:
-    """Render as a user does."""
-    with stage.within(stage.find_area("PROPERTIES")):
-        bpy.ops.render.render("INVOKE_DEFAULT")
+    stage.press_f12()
 
 
 def show_stereo() -> float:
@@ -175,13 +157,13 @@ def steps() -> Iterator[stage.Step]:
     """Yield all steps."""
     yield from (prepare, stage.take_picture("denoise"))
     yield from (make_target, start_bake)
-    yield from wait("OBJECT_BAKE")
+    yield from stage.wait_for("OBJECT_BAKE")
     yield from (show_image("Bake"), fit, stage.take_picture("bake"))
     yield draw_lines
-    yield from wait("RENDER")
+    yield from stage.wait_for()
     yield from (show_image("Render Result"), fit, stage.take_picture("freestyle"))
     yield use_two_eyes
-    yield from wait("RENDER")
+    yield from stage.wait_for()
     yield from (show_image("Render Result"), show_stereo, fit, stage.take_picture("stereo"))
     yield from (show_world, stage.take_picture("world"))
 

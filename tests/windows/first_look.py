@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,13 +11,10 @@ import bpy
 sys.path.insert(0, str(Path(__file__).parent))
 import stage
 
-WAIT_SECONDS = 240.0
 # A picture of which one sweep takes a few seconds.
 SIZE = (480, 300)
 
 stage.register_addon()
-
-_begun = 0.0
 
 
 def prepare() -> float:
@@ -34,30 +30,12 @@ def prepare() -> float:
     return 1.0
 
 
-def press_f12() -> float:
-    """Render as a user does."""
-    global _begun
-    with stage.within(stage.find_area("VIEW_3D")):
-        bpy.ops.render.render("INVOKE_DEFAULT")
-    _begun = time.monotonic()
-    return 3.0
-
-
-def wait() -> Iterator[stage.Step]:
-    """Yield steps until the render is done."""
-    while bpy.app.is_job_running("RENDER"):
-        if time.monotonic() > _begun + WAIT_SECONDS:
-            raise TimeoutError("the render did not end")
-        yield lambda: None
-    stage.record["seconds"] = time.monotonic() - _begun
-
-
 def steps() -> Iterator[stage.Step]:
     """Yield all steps."""
     yield stage.take_picture("opened")
-    yield from (prepare, press_f12, stage.take_picture("first_look"))
+    yield from (prepare, stage.press_f12, lambda: 3.0, stage.take_picture("first_look"))
     yield stage.take_picture("later")
-    yield from wait()
+    yield from stage.wait_for()
     yield lambda: 2.0
     yield stage.take_picture("done")
 

@@ -15,7 +15,6 @@ import bpy
 sys.path.insert(0, str(Path(__file__).parent))
 import stage
 
-WAIT_SECONDS = 240.0
 SIZE = (160, 100)
 SAMPLES, VIEWPORT_SAMPLES = 120, 1
 WORKERS = 2
@@ -45,13 +44,12 @@ def can_resume() -> bool:
 def start() -> None:
     """Render as a user does."""
     stage.record["could_resume_before"] = can_resume()
-    with stage.within(stage.find_area("VIEW_3D")):
-        bpy.ops.render.render("INVOKE_DEFAULT")
+    stage.press_f12()
 
 
 def wait_for_checkpoint() -> Iterator[stage.Step]:
     """Yield steps until there is a checkpoint, and not yet the picture."""
-    ends = time.monotonic() + WAIT_SECONDS
+    ends = time.monotonic() + stage.WAIT_SECONDS
     while not list(stage.folder.glob("*.checkpoint.npz")):
         if time.monotonic() > ends or not bpy.app.is_job_running("RENDER"):
             raise TimeoutError("no checkpoint came")
@@ -63,16 +61,6 @@ def press_escape() -> float:
     and with that option Blender is deaf to others."""
     subprocess.run(["xdotool", "mousemove", "400", "400", "key", "Escape"], check=True)
     return 1.0
-
-
-def wait_for_end() -> Iterator[stage.Step]:
-    """Yield steps until the render is over."""
-    ends = time.monotonic() + WAIT_SECONDS
-    yield lambda: 1.0
-    while bpy.app.is_job_running("RENDER"):
-        if time.monotonic() > ends:
-            raise TimeoutError("the render did not end")
-        yield lambda: None
 
 
 def record_render(name: str) -> stage.Step:
@@ -117,7 +105,7 @@ def find_session() -> Any:
 
 def wait_for_viewport() -> Iterator[stage.Step]:
     """Yield steps until the viewport has all its samples; note the most processes there are below this one."""
-    ends, most = time.monotonic() + WAIT_SECONDS, 0
+    ends, most = time.monotonic() + stage.WAIT_SECONDS, 0
     while not find_session().status.startswith(f"Sample {VIEWPORT_SAMPLES}/"):
         if time.monotonic() > ends:
             raise TimeoutError(f"the viewport did not finish: {find_session().status}")
@@ -145,10 +133,10 @@ def steps() -> Iterator[stage.Step]:
     yield from (prepare, start)
     yield from wait_for_checkpoint()
     yield press_escape
-    yield from wait_for_end()
+    yield from stage.wait_for()
     yield from (record_render("stopped"), open_menu, stage.take_picture("menu"), press_escape, resume)
     yield stage.take_picture("resumed")
-    yield from wait_for_end()
+    yield from stage.wait_for()
     yield from (record_render("finished"), stage.take_picture("finished"), show_rendered)
     yield from wait_for_viewport()
     yield stage.take_picture("viewport")

@@ -13,8 +13,9 @@ import json
 import os
 import subprocess
 import sys
+import time
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,8 @@ import bpy
 
 ROOT = Path(__file__).resolve().parents[2]
 START_SECONDS, STEP_SECONDS = 2.0, 0.5
+# What no job of these scripts takes.
+WAIT_SECONDS = 240.0
 
 Step = Callable[[], float | None]
 folder = Path(sys.argv[sys.argv.index("--") + 1]).resolve() if "--" in sys.argv else Path()
@@ -71,6 +74,23 @@ def end(code: int) -> None:
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
+
+
+def press_f12() -> None:
+    """Render as a user does."""
+    with within(find_area("PROPERTIES")):
+        bpy.ops.render.render("INVOKE_DEFAULT")
+
+
+def wait_for(kind: str = "RENDER") -> Iterator[Step]:
+    """Yield steps until a job is done, as `bpy.app.is_job_running` names it; a second is left to it to begin."""
+    begun = time.monotonic()
+    yield lambda: 1.0
+    while bpy.app.is_job_running(kind):
+        if time.monotonic() > begun + WAIT_SECONDS:
+            raise TimeoutError(f"{kind} did not end")
+        yield lambda: None
+    record["seconds"] = time.monotonic() - begun
 
 
 def find_window() -> Any:

@@ -97,12 +97,25 @@ def make_scene(body: str, material: str) -> Any:
     return scene
 
 
+# Light that goes on nearly straight, g = 0.8: .7756 +- .0007 in Cycles 5.2.3, .7670 +- .0008 here and in 5.0; a
+# difference of 1.1% whose cause is not found.
+BRIGHTER_IN_5_2 = pytest.mark.xfail(VERSION >= (5, 2), reason="Cycles 5.2 is 1.1% brighter, it is not known why")
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in MATERIALS]
+    "name",
+    [
+        pytest.param(
+            name,
+            marks=[
+                *([] if name in QUICK else [pytest.mark.slow]),
+                *([BRIGHTER_IN_5_2] if name == "sharp" else []),
+            ],
+        )
+        for name in MATERIALS
+    ],
 )
 def test_a_ball_agrees(name: str) -> None:
-    if VERSION >= (5, 2) and name == "sharp":
-        pytest.skip("brighter in Cycles 5.2 by up to 1%")
     assert_pictures_agree(make_scene("ball", name), samples=16)
 
 
