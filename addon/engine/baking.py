@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 import raytracer
 from raytracer.film.passes import LIGHT_PARTS, light_pass
 from raytracer.integrator.settings import Settings
-from raytracer.rendering.baking import OPENNESS, BakePoints, Eye, bake
+from raytracer.rendering.baking import BakePoints, Eye, bake
 
 from ..extract.scene import Extraction, extract_scene
 from ..properties import BAKE_TYPES, settings_keywords
@@ -36,14 +36,13 @@ WAY_BITS = {"Direct": DIRECT, "Indirect": INDIRECT}
 ALL_LIGHT = EMIT | DIFFUSE | GLOSSY | TRANSMISSION | DIRECT | INDIRECT
 
 # The types whose pixels hold one pass as it is.
-PLAIN_TYPES = {"NORMAL": "Normal", "POSITION": "Position", "UV": "UV", "EMIT": "Emission"}
+PLAIN_TYPES = {
+    "NORMAL": "Normal", "POSITION": "Position", "UV": "UV", "EMIT": "Emission", "AO": "Ambient Occlusion",
+}  # fmt: skip
 # The types of one part of light, by contributions.
 PART_TYPES = {part.upper(): part for part in LIGHT_PARTS}
 # Known at the middle of a pixel; the mean of several points would say no more.
 POINT_TYPES = ("POSITION", "UV")
-
-# Metres up to which things occlude where a scene has no world to say it.
-DEFAULT_REACH = 10.0
 
 
 def bake_object(engine: Any, depsgraph: Any, thing: Any, kind: str, contributions: int, size: tuple[int, int]) -> None:
@@ -100,8 +99,6 @@ def list_passes(kind: str, contributions: int) -> tuple[str, ...]:
     """Return the passes that a type of bake is made of."""
     if kind in PLAIN_TYPES:
         return (PLAIN_TYPES[kind],)
-    if kind == "AO":
-        return ("Normal",)
     if kind == "COMBINED" and contributions & ALL_LIGHT == ALL_LIGHT:
         return ("Combined",)
     parts = [PART_TYPES[kind]] if kind in PART_TYPES else [p for p in LIGHT_PARTS if contributions & PART_BITS[p]]
@@ -116,8 +113,6 @@ def choose_values(values: Values, kind: str, contributions: int, exposure: float
     Light of a part is divided by its color where Color is not among its contributions, and is white where Color is
     the only one that is missing.
     """
-    if kind == "AO":
-        return np.repeat(values[OPENNESS], 3, axis=1)
     if kind in PLAIN_TYPES:
         name = PLAIN_TYPES[kind]
         return values[name] * (exposure if name == "Emission" else 1.0)
@@ -182,7 +177,6 @@ def trace_points(
             caster,
             settings,
             points,
-            reach=read_reach(depsgraph.scene_eval.world) if kind == "AO" else None,
             eye=read_eye(depsgraph.scene_eval),
             workers=workers,
             on_progress=engine.update_progress,
@@ -193,11 +187,6 @@ def trace_points(
 def make_teller(engine: Any) -> Callable[[str], None]:
     """Return what tells the user what begins."""
     return lambda stage: engine.update_stats("", stage)
-
-
-def read_reach(world: Any) -> float:
-    """Return the distance up to which things occlude: the world's."""
-    return world.light_settings.distance if world else DEFAULT_REACH
 
 
 def read_eye(scene: Any) -> Eye | None:

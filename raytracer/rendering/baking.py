@@ -30,17 +30,13 @@ from raytracer.processes.dropping import is_dropped
 from raytracer.processes.pool import Pool
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
 from raytracer.sampling.dimensions import FILTER_DIMENSION
-from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.sobol import SobolSamples, split_numbers
 from raytracer.scene.scene import Scene
 from raytracer.shading.evaluate import check_programs
-from raytracer.shading.occlusion import Probe, make_occlusion_test
 from raytracer.surfaces.surface import Surface, make_surface
 
 # Points traced at a time, several samples of each where there are few.
 BLOCK_SIZE = 1 << 15
-# The name of the share of what is around a point that is open, among the passes of a bake.
-OPENNESS = "Openness"
 # The least cosine between what looks at a surface and its shading normal, which is Cycles' own: a camera that sees it
 # from the side or from behind is taken to be so far above it, or glossy surfaces would be black there.
 LEAST_COSINE = 0.2
@@ -91,7 +87,6 @@ def bake(
     settings: Settings,
     points: BakePoints,
     *,
-    reach: float | None = None,
     eye: Eye | None = None,
     workers: int | Pool = 1,
     on_progress: Callable[[float], None] | None = None,
@@ -104,7 +99,6 @@ def bake(
     Parameters
     ----------
     settings : its passes, samples, seed, bounces and limits count
-    reach : metres, up to which what is around counts for the pass OPENNESS, which is returned, too; None leaves it out
     eye : from where surfaces are seen; None: each along its own shading normal
     """
     check_programs(scene)
@@ -112,7 +106,7 @@ def bake(
     watch = is_cancelled or _never
     blocks = cut_into_blocks(len(points), settings.samples)
     sums: dict[str, Floats] = {}
-    for number, (start, values) in enumerate(_run(pool, (scene, caster, settings, points, reach, eye), blocks, watch)):
+    for number, (start, values) in enumerate(_run(pool, (scene, caster, settings, points, eye), blocks, watch)):
         for name, part in values.items():
             whole = sums.setdefault(name, np.zeros((len(points), part.shape[1])))
             whole[start : start + len(part)] += part
@@ -177,14 +171,12 @@ class PointTracer:
         caster: Caster,
         settings: Settings,
         points: BakePoints,
-        reach: float | None,
         eye: Eye | None,
         is_cancelled: Callable[[], bool],
     ) -> None:
-        self._points, self._settings, self._reach, self._eye = points, settings, reach, eye
+        self._points, self._settings, self._eye = points, settings, eye
         watched = WatchedCaster(caster, is_cancelled)
         self._integrator = prepare(scene, watched, settings, take_part=watched.take_part)
-        self._test = make_occlusion_test(watched, self._integrator.cast)
 
     def __call__(self, block: Block) -> BlockValues:
         """Trace some samples of some points."""
@@ -196,11 +188,7 @@ class PointTracer:
         samples = SobolSamples(points.pixel, sample, self._settings.seed, None, replication)
         hits = self._hit(points, samples)
         surface = find_surface(self._integrator, hits)
-        values = dict(trace(self._integrator, look_at(surface, self._eye), samples, hits))
-        if self._reach is not None:
-            probe = Probe(surface, self._test, Sampler(samples, None, 0))
-            reach = np.full(len(points), self._reach)
-            values[OPENNESS] = probe.find_open(surface.shading_normal, reach, 1, own=False)[:, np.newaxis]
+        values = trace(self._integrator, look_at(surface, self._eye), samples, hits)
         return start, {name: part.reshape(count, len(own), -1).sum(axis=0) for name, part in values.items()}
 
     def _hit(self, points: BakePoints, samples: SobolSamples) -> Hits:

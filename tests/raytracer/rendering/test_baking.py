@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ import raytracer
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import baking
-from raytracer.rendering.baking import OPENNESS, BakePoints, Eye, bake, fold_into_triangle
+from raytracer.rendering.baking import BakePoints, Eye, bake, fold_into_triangle
 from raytracer.scene.lights import PointLight, World
 from raytracer.scene.materials import Closure, Material
 from raytracer.scene.scene import Scene
@@ -69,12 +71,13 @@ def test_openness_is_the_form_factor_of_what_is_open():
     scene = make_scene(wall)
     place = np.array([[1.0, -1.5]])
     points = make_points(np.repeat(place, 64, axis=0))
-    seen = bake(scene, raytracer.build(scene), settle(64, "Normal"), points, reach=1e4)
+    far, near = (replace(settle(64, "Ambient Occlusion"), occlusion_distance=reach) for reach in (1e4, 0.99))
+    seen = bake(scene, raytracer.build(scene), far, points)
     assert seen is not None
-    assert abs(seen[OPENNESS].mean() - (1 + np.sqrt(0.5)) / 2) < 0.005
-    near = bake(scene, raytracer.build(scene), settle(4, "Normal"), points, reach=0.99)
-    assert near is not None
-    np.testing.assert_array_equal(near[OPENNESS], 1.0)  # nothing within reach
+    assert abs(seen["Ambient Occlusion"].mean() - (1 + np.sqrt(0.5)) / 2) < 0.005
+    seen = bake(scene, raytracer.build(scene), near, points)
+    assert seen is not None
+    np.testing.assert_array_equal(seen["Ambient Occlusion"], 1.0)  # nothing within reach
 
 
 def test_position_and_normal_are_those_of_the_point():
@@ -115,7 +118,7 @@ def test_lights_between_a_surface_and_what_looks_at_it_are_not_seen():
 
 def test_an_eye_looks_from_above_the_surface_only():
     scene = make_scene()
-    integrator = baking.PointTracer(scene, raytracer.build(scene), settle(1), make_points(PLACES), None, None, bool)
+    integrator = baking.PointTracer(scene, raytracer.build(scene), settle(1), make_points(PLACES), None, bool)
     hits = integrator._hit(make_points(PLACES), None)
     surface = baking.find_surface(integrator._integrator, hits)
     for eye in (
