@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,10 +15,30 @@ from raytracer.shading.displacement import Displacement, displace
 VERTEX_NORMAL, SMOOTH = "vertex normal", "smooth face"
 
 
+class MadeOf(NamedTuple):
+    """All that a displaced mesh depends on; records that did not change are the same records.
+
+    instance : the bytes of what its programs can read of the instance that it moves by
+    """
+
+    mesh: raytracer.Mesh
+    displacements: Mapping[int, Displacement]
+    instance: tuple[bytes | None, ...]
+
+    def equals(self, other: MadeOf) -> bool:
+        """True where both say the same of one mesh."""
+        return (
+            self.mesh is other.mesh
+            and self.instance == other.instance
+            and self.displacements.keys() == other.displacements.keys()
+            and all(each.program is other.displacements[key].program for key, each in self.displacements.items())
+        )
+
+
 class Displaced(NamedTuple):
     """A displaced mesh, and what it was made of."""
 
-    made_of: tuple[Any, ...]
+    made_of: MadeOf
     mesh: raytracer.Mesh
 
 
@@ -39,9 +59,11 @@ def displace_meshes(
         if not used or not len(places):
             continue
         shown = select_instance(instances, int(places[0]))
-        found = find_displaced(kept, mesh, used, shown) or displace_mesh(mesh, used, shown)
-        known.append(found)
-        moved[number] = found.mesh
+        values = (shown.world_from_object, shown.random, shown.color, *shown.properties.values())
+        wanted = MadeOf(mesh, used, tuple(None if value is None else value.tobytes() for value in values))
+        found = next((each for each in kept if each.made_of.equals(wanted)), None)
+        known.append(found or Displaced(wanted, displace_mesh(mesh, used, shown)))
+        moved[number] = known[-1].mesh
     return moved, known
 
 
@@ -57,35 +79,12 @@ def select_instance(instances: raytracer.Instances, row: int) -> raytracer.Insta
     )
 
 
-def describe(mesh: raytracer.Mesh, used: Mapping[int, Displacement], shown: raytracer.Instances) -> tuple[Any, ...]:
-    """Return all that a displaced mesh depends on; records that did not change are the same records."""
-    values = (shown.world_from_object, shown.random, shown.color, *shown.properties.values())
-    return mesh, tuple(used.items()), tuple(None if value is None else value.tobytes() for value in values)
-
-
-def find_displaced(
-    kept: Sequence[Displaced], mesh: raytracer.Mesh, used: Mapping[int, Displacement], shown: raytracer.Instances
-) -> Displaced | None:
-    """Return what an earlier extraction made of the same mesh, displacements and instance, or None."""
-    wanted = describe(mesh, used, shown)
-    return next((each for each in kept if each.made_of[0] is mesh and is_same(each.made_of, wanted)), None)
-
-
-def is_same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
-    programs = zip(one[1], other[1], strict=False)
-    return (
-        len(one[1]) == len(other[1])
-        and one[2] == other[2]
-        and all(a[0] == b[0] and a[1].program is b[1].program for a, b in programs)
-    )
-
-
-def displace_mesh(mesh: raytracer.Mesh, used: Mapping[int, Displacement], shown: raytracer.Instances) -> Displaced:
-    """Return a mesh moved."""
+def displace_mesh(mesh: raytracer.Mesh, used: Mapping[int, Displacement], shown: raytracer.Instances) -> raytracer.Mesh:
+    """Return a mesh moved, without the attributes that only this needs."""
     attributes = dict(mesh.attributes)
     normals, smooth = attributes.pop(VERTEX_NORMAL), attributes.pop(SMOOTH)
     materials = [raytracer.Material(()) for _ in range(int(np.max(mesh.material)) + 1)]
     scene = raytracer.Scene(
         meshes=[dataclasses.replace(mesh, attributes=attributes)], instances=shown, materials=materials
     )
-    return Displaced(describe(mesh, used, shown), displace(scene, used, normals, smooth[:, 0, 0] > 0))
+    return displace(scene, used, normals, smooth[:, 0, 0] > 0)

@@ -30,7 +30,7 @@ from raytracer.shading.evaluate import evaluate, find_needed, list_attributes
 from raytracer.shading.site import Site
 from raytracer.shading.site_tables import UNDISPLACED, make_site_tables
 from raytracer.surfaces.surface import Surface, make_surface
-from raytracer.surfaces.surface_tables import make_surface_tables
+from raytracer.surfaces.surface_tables import SurfaceTables, make_surface_tables
 
 
 class Displacement(NamedTuple):
@@ -91,7 +91,7 @@ def _find_ways(
     return ways
 
 
-def _make_points(tables: object, triangle: NDArray[np.intp], corner: NDArray[np.intp]) -> Surface:
+def _make_points(tables: SurfaceTables, triangle: NDArray[np.intp], corner: NDArray[np.intp]) -> Surface:
     """Return the surface at corners of triangles, seen from the front along the normal."""
     count = len(triangle)
     hits = Hits(
@@ -103,7 +103,7 @@ def _make_points(tables: object, triangle: NDArray[np.intp], corner: NDArray[np.
         valid=np.ones(count, np.bool_),
     )
     ahead = np.broadcast_to((0.0, 0.0, 1.0), (count, 3))
-    surface = make_surface(tables, make_rays(np.zeros((count, 3)), ahead), hits)  # type: ignore[arg-type]
+    surface = make_surface(tables, make_rays(np.zeros((count, 3)), ahead), hits)
     return dataclasses.replace(surface, outgoing=surface.shading_normal, front=np.ones(count, np.bool_))
 
 

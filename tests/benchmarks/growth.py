@@ -157,7 +157,12 @@ def show_frames() -> str:
 ROWS: tuple[tuple[str, str, str, Callable[[], str]], ...] = (
     ("two workers get a scene of 1M triangles (by the clock)", "1.9 s, 190 MB", "0.4 s, 32 MB", show_start),
     ("workers that a small picture uses", "8 of 40", "all", show_shares),
-    ("a sample of a bare plane, received and added by the parent (1 and 5 passes)", "some 40 workers", "more", show_adding),
+    (
+        "a sample of a bare plane, received and added by the parent (1 and 5 passes)",
+        "some 40 workers",
+        "more",
+        show_adding,
+    ),
     ("ten passes, written", "21 to 23 GB at 8k", "2.2 times the sums", show_passes),
     ("10,000 own meshes, read", "8.2 s", "1.5 s", show_meshes),
     ("a frame of 64 x 36 pixels, Cornell box, 1 sample", "147 ms", "40 ms", show_frames),
