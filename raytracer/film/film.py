@@ -85,7 +85,7 @@ class Film:
     interleaving : side of the squares of pixels that take different points of lights, 0 where none are shared
     time_side : side of the squares of pixels that take different times, 0 where nothing moves
     pilot : where samples are adaptive, the sweeps that are even, from which the others follow; 0 where all are
-    ahead : pixels, the first ones, that have a sample of the next sweep already
+    ahead : pixels, the first ones, that have samples of the next sweeps already, `ahead_samples` each
     total : the samples that the picture is to have
     left, bottom : the film's lower left pixel in the full picture
     border : (x_min, y_min, x_max, y_max), the part of the full picture that this film and others are tiles of; None
@@ -142,6 +142,11 @@ class Film:
         if self.pilot:
             self.arrays[PILOT] = np.zeros((pixels, 2 * 3))
 
+    @property
+    def ahead_samples(self) -> int:
+        """How many samples those pixels that are ahead of the others have more than these."""
+        return int(self.arrays[COUNTS][0].sum()) - self.samples if self.ahead and not self.pilot else 1
+
     def add(
         self, pixels: slice | Indices, values: Mapping[str, Floats], replication: int, repeated: bool = False
     ) -> None:
@@ -191,6 +196,21 @@ class Film:
         """Store the passes that come from the pixel's centre; parameters as `add`."""
         for name in select_passes(self.names, from_centre=True):
             self.arrays[name][pixels] = values[name]
+
+    def cut_strip(self, pixels: slice | Indices) -> Film:
+        """Return a film of some of the pixels, a row, with what they hold of all passes but those from the centre; for
+        samples to be added elsewhere, and `put_strip`."""
+        names = select_passes(self.names, from_centre=False)
+        count = len(self.arrays[COUNTS][pixels])
+        strip = Film(count, 1, names, self.samples, catches=self.catches, pilot=self.pilot)
+        for name, array in strip.arrays.items():
+            array[...] = self.arrays[name][pixels]
+        return strip
+
+    def put_strip(self, pixels: slice | Indices, strip: Film) -> None:
+        """Put what `cut_strip` returned back, with what has been added to it."""
+        for name, array in strip.arrays.items():
+            self.arrays[name][pixels] = array
 
     @property
     def passes(self) -> Mapping[str, NDArray[np.float32]]:

@@ -17,7 +17,8 @@ from raytracer.arrays.types import Floats, Indices, Words
 from raytracer.film.film import COUNTS, PILOT, Film
 from raytracer.integrator.settings import Settings
 from raytracer.rendering.allocation import allocate, measure_scatter
-from raytracer.rendering.blocks import Block, BlockPlan, BlockResult, FrameWindow, ListedBlock, number_pixels
+from raytracer.rendering.block_plan import BlockPlan
+from raytracer.rendering.blocks import Block, BlockResult, FrameWindow, ListedBlock, number_pixels
 from raytracer.rendering.ending import EndedBy, Ending
 from raytracer.sampling.dimensions import ALLOCATION_DIMENSION
 from raytracer.sampling.sobol import REPLICATIONS, SobolSamples, join_numbers

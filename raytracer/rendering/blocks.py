@@ -14,6 +14,7 @@ from raytracer.arrays.types import Floats, Indices, Words
 from raytracer.casting.caster import Caster
 from raytracer.casting.rays import Rays
 from raytracer.film.camera import primary_rays
+from raytracer.film.film import Film
 from raytracer.film.parts import cut
 from raytracer.film.passes import find_pass, is_pass, select_passes
 from raytracer.film.pixel_filter import sample_pixel_filter
@@ -26,31 +27,13 @@ from raytracer.processes.dropping import is_dropped
 from raytracer.processes.pool import Pool
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
 from raytracer.sampling.dimensions import FILTER_DIMENSION, LENS_DIMENSION
-from raytracer.sampling.sobol import SobolSamples, split_numbers
+from raytracer.sampling.sobol import REPLICATIONS, SobolSamples, split_numbers
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
 from raytracer.shading.evaluate import check_programs
 
-# Seconds of work between two signs of progress. (`is_cancelled` is asked at every cast, far more often.)
-BLOCK_SECONDS = 1.0
-
-
-# Camera rays; with fewer at a time NumPy's calls cost more than its arithmetic in the later waves of mirrors and glass.
-# Blocks have this many until the pace is known, the smallest where it is slow. With mirrors and glass 2^18 rays take
-# 4 to 17% less time than twice 2^17; where nothing is deep, up to 8% more.
-USUAL_BLOCK = 1 << 18
-SMALLEST_BLOCK = 1 << 17
 # Any ray: what a caster builds when it is first asked, it builds for this one.
 RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-# Camera rays of the first blocks of long work, doubled until they are as large: a sign of progress, and of the pace,
-# comes early. 2^18 rays in all take up to 1.4 times as long with such a start, where there are mirrors or glass.
-FIRST_BLOCK = 1 << 14
-LONG_WORK = 1 << 20
-# Where any sweep may be the last: the most sweeps of the first block, and of each other one, over those before it.
-FIRST_SWEEPS = 16
-SWEEP_GROWTH = 0.25
-# What a worker takes at least of a picture that has too little work for all.
-SMALLEST_SHARE = 1 << 12
 
 
 def _never() -> bool:
@@ -90,6 +73,7 @@ class Block:
     start, stop : the pixels of a run
     samples : how many of each pixel
     chosen : (n,) intp, ascending numbers of the pixels, where they are no run
+    strip : what the film has of the pixels, for whoever traces them to add to; None has them all sent back
     """
 
     sample: int
@@ -97,6 +81,7 @@ class Block:
     stop: int
     samples: int = 1
     chosen: Indices | None = None
+    strip: Film | None = None
 
     def __len__(self) -> int:
         """Return the number of pixels."""
@@ -130,7 +115,13 @@ class ListedBlock:
 
 @dataclass(frozen=True)
 class BlockResult:
-    """What the rays of a block saw: (samples * pixels, channels) float64 by pass, and what it took."""
+    """What the rays of a block saw, and what it took.
+
+    values : (samples * pixels, channels) float64 by pass; none where they are in the block's strip
+    centre_values : (pixels, channels) float64 by pass, of the ray through the centre, where that was asked for
+    rays : how many were cast
+    seconds : by the clock
+    """
 
     block: Block | ListedBlock
     values: Mapping[str, Floats]
@@ -166,91 +157,6 @@ def make_window(scene: Scene, width: int, height: int, settings: Settings) -> Fr
 def count_sweeps(settings: Settings) -> int:
     """Return the number of sweeps over the picture: one will do if nothing but pixel centres is asked for."""
     return settings.samples if select_passes(settings.passes, from_centre=False) else 1
-
-
-class BlockPlan:
-    """Cuts the sweeps into blocks of about BLOCK_SECONDS, learning from those that are done.
-
-    A sweep is one sample of every pixel; a block is several sweeps or an even part of one.
-
-    pixels, sweeps : of the whole picture
-    largest : most camera rays of a block
-    growth : where any sweep may be the last, the most sweeps in a block, over those before it: what is traced beyond
-        the last one is in vain
-    workers : that share the work; none takes more of what is left than its part, so that all have some to the end
-    done, ahead : sweeps that are done already, and the first pixels that have a sample of the next one
-    """
-
-    def __init__(
-        self,
-        pixels: int,
-        sweeps: int,
-        largest: int,
-        growth: float | None = None,
-        *,
-        workers: int = 1,
-        done: int = 0,
-        ahead: int = 0,
-    ) -> None:
-        self.pixels = pixels
-        self.sweeps = sweeps
-        self._growth = growth
-        self._workers = workers
-        self._done = (done, ahead)
-        self._largest = largest
-        self._size = min(largest, USUAL_BLOCK)
-
-    def __iter__(self) -> Iterator[Block]:
-        sample, start = self._done
-        first = FIRST_BLOCK if self.pixels * self.sweeps > LONG_WORK else USUAL_BLOCK
-        while sample < self.sweeps:
-            size, first = min(self._size, first, self._share(sample, start)), 2 * first
-            rest = self.pixels - start
-            stop = start + -(-rest // -(-rest // size))
-            together = max(1, size // self.pixels) if start == 0 else 1
-            block = Block(sample, start, stop, min(together, self._limit_sweeps(sample)))
-            yield block
-            start = stop % self.pixels
-            sample += block.samples if start == 0 else 0
-
-    def _limit_sweeps(self, sample: int) -> int:
-        """Return the most sweeps in a block that begins with `sample`."""
-        left = self.sweeps - sample
-        if self._growth is None:
-            return left
-        return min(left, max(1, int(sample * self._growth)) if sample else FIRST_SWEEPS)
-
-    def _share(self, sample: int, start: int) -> int:
-        """Return a worker's part of what is left from a pixel of a sweep on."""
-        left = (self.sweeps - sample) * self.pixels - start
-        return left if self._workers == 1 else max(-(-left // self._workers), SMALLEST_SHARE)
-
-    def observe(self, result: BlockResult) -> None:
-        """Set the size of the next blocks by how long this one took; at most twice its size."""
-        size = len(result.block) * result.block.samples
-        if size < self._size // 2:
-            return  # the short rest of a sweep says little about the others
-        size = int(size * BLOCK_SECONDS / max(result.seconds, BLOCK_SECONDS / 2))
-        self._size = min(max(size, SMALLEST_BLOCK), self._largest)
-
-    @property
-    def size(self) -> int:
-        """The most camera rays of the next block."""
-        return self._size
-
-    def phases(self) -> Iterator[Iterator[Block | ListedBlock]]:
-        """Yield the blocks; where some follow from the results of others, after those."""
-        yield iter(self)
-
-    def ends_sweep(self, block: Block | ListedBlock) -> bool:
-        """Return True where at least one sweep is done with this block."""
-        assert isinstance(block, Block)
-        return block.stop == self.pixels
-
-    def count_done(self, block: Block | ListedBlock) -> float:
-        """Return the number of sweeps that are done with this block."""
-        assert isinstance(block, Block)
-        return block.sample + block.samples - 1 + block.stop / self.pixels
 
 
 def trace_blocks(
@@ -332,6 +238,10 @@ class BlockTracer:
         if self._centre_integrator and block.sample == 0:
             first = slice(0, len(block))
             centre_values = self._trace(self._centre_integrator, column[first], row[first], samples.select(first))
+        if isinstance(block, Block) and block.strip is not None:
+            for number in range(block.samples):
+                add_sample(block.strip, slice(None), block, values, number)
+            values = {}
         rays, seconds = self._caster.rays - rays_before, time.perf_counter() - started
         return BlockResult(block, values, centre_values, rays, seconds)
 
@@ -342,6 +252,26 @@ class BlockTracer:
         if self._window.camera.panorama is None:
             return trace(integrator, rays, samples)
         return trace_seen(integrator, rays, samples)
+
+
+def add_sample(film: Film, pixels: slice | Indices, block: Block, values: Mapping[str, Floats], number: int) -> None:
+    """Add one of the samples that a block has of each of its pixels to those of a film."""
+    rows = slice(number * len(block), (number + 1) * len(block))
+    film.add(pixels, {name: part[rows] for name, part in values.items()}, (block.sample + number) % REPLICATIONS)
+
+
+def hand_out(film: Film, blocks: Iterable[Block | ListedBlock]) -> Iterator[Block | ListedBlock]:
+    """Yield blocks, each of several samples with its strip of the film, unless earlier samples are not there yet.
+
+    The sums are the same bit for bit, whoever adds the samples up; what is sent for a block is then as much for each
+    pixel, and no longer for each sample.
+    """
+    for block in blocks:
+        if isinstance(block, Block) and block.samples > 1:
+            strip = film.cut_strip(block.pixels)
+            if (strip.arrays["Sample Count"].sum(axis=1) == block.sample).all():
+                block = replace(block, strip=strip)
+        yield block
 
 
 def trace_seen(integrator: Integrator, rays: Rays, samples: SobolSamples) -> Mapping[str, Floats]:

@@ -25,22 +25,22 @@ from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers
 from raytracer.rendering.adaptive import AdaptivePlan, add_listed, check_counts
 from raytracer.rendering.allocation import choose_pilot
+from raytracer.rendering.block_plan import GATHERED, MANY_WORKERS, SWEEP_GROWTH, BlockPlan
 from raytracer.rendering.blocks import (
-    SWEEP_GROWTH,
     Block,
-    BlockPlan,
     BlockResult,
     FrameWindow,
     ListedBlock,
     _never,
     _say_nothing,
+    add_sample,
     count_sweeps,
+    hand_out,
     make_window,
     trace_blocks,
 )
 from raytracer.rendering.ending import EndedBy, Ending
 from raytracer.rendering.moving_tracer import MovingTracer, find_time_side
-from raytracer.sampling.sobol import REPLICATIONS
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_digest import digest_scene
 
@@ -71,7 +71,7 @@ def render(
     samples : rays per pixel, at most: `error` and `seconds`, other fields of `Settings`, may end it before
     film : what an earlier render of the same picture returned, which this one goes on from and adds to; None begins
         anew. The result is bit for bit what one render of all samples gives
-    until : the sample to stop at, of `samples`; None takes all
+    until : the sample to stop at, of `samples`, or that some pixels of `film` have already; None takes all
     caster : what `raytracer.build(scene)` returned, to save building it again
     workers : number of processes, or a Pool, such as Workers that are running already (they keep running)
     on_sweep : called with (film, done, total) after each sweep over the picture; the film can be read meanwhile
@@ -107,7 +107,7 @@ def render(
     count = len(workers) if isinstance(workers, Pool) else workers
     chosen = Settings(samples=samples, workers=count, **settings)
     film, window = prepare_film(scene, width, height, chosen, film)
-    plan = plan_blocks(film, window, chosen, until)
+    plan = plan_blocks(scene, film, window, chosen, until)
     tell = on_stage or _say_nothing
     started = time.perf_counter()
     if caster is None:
@@ -121,7 +121,8 @@ def render(
             pool = stack.enter_context(Workers(chosen.workers))
         make_tracer = None if scene.motion is None else MovingTracer
         arguments = (scene, caster, window, chosen)
-        results = trace_blocks(pool, arguments, plan.phases(), is_cancelled or _never, tell, make_tracer)
+        phases = plan.phases() if pool is None else (hand_out(film, blocks) for blocks in plan.phases())
+        results = trace_blocks(pool, arguments, phases, is_cancelled or _never, tell, make_tracer)
         ending = Ending(chosen, limit_sweeps(chosen, until), time.perf_counter(), film.samples)
         is_done = film.samples >= ending.sweeps
         ended_by = accumulate(film, plan, results, ending, on_sweep, on_progress)
@@ -185,8 +186,9 @@ def continue_film(film: Film, new: Film) -> Film:
         found, expected = getattr(film, field), getattr(new, field)
         if not difference and found != expected:
             difference = f"{field} is {found}, not {expected}"
-    if not difference and film.samples > new.total:
-        difference = f"it has {film.samples} samples already, and the picture shall have {new.total}"
+    begun = film.samples + film.ahead_samples * (film.ahead > 0)
+    if not difference and begun > new.total:
+        difference = f"it has {begun} samples already, and the picture shall have {new.total}"
     if difference:
         raise ValueError(f"{name} is of another picture: {difference}")
     film.total, film.key = new.total, new.key
@@ -199,15 +201,26 @@ def limit_sweeps(settings: Settings, until: int | None) -> int:
     return sweeps if until is None else min(check_integer(until, 1, settings.samples, "render: until"), sweeps)
 
 
-def plan_blocks(film: Film, window: FrameWindow, settings: Settings, until: int | None) -> BlockPlan:
+def plan_blocks(scene: Scene, film: Film, window: FrameWindow, settings: Settings, until: int | None) -> BlockPlan:
     """Return how the sweeps that a film lacks are cut into blocks."""
     growth = SWEEP_GROWTH if settings.error is not None or settings.seconds is not None else None
     sweeps = limit_sweeps(settings, until)
     if film.pilot:
         return AdaptivePlan(film, window, settings, sweeps, growth)
     size = film.width * film.height
-    shared = {"workers": settings.workers, "done": film.samples, "ahead": film.ahead}
-    return BlockPlan(size, sweeps, settings.block_size, growth, **shared)
+    # What moves is traced a time after the other; and where any sweep may be the last, each is looked at by itself.
+    gathers = settings.workers >= MANY_WORKERS and growth is None and scene.motion is None
+    return BlockPlan(
+        size,
+        sweeps,
+        settings.block_size,
+        growth,
+        workers=settings.workers,
+        done=film.samples,
+        ahead=film.ahead,
+        ahead_samples=film.ahead_samples,
+        gathered=GATHERED if gathers else 1,
+    )
 
 
 def accumulate(
@@ -239,21 +252,24 @@ def accumulate(
 def add_result(film: Film, result: BlockResult, ending: Ending, ends_sweep: bool) -> EndedBy | None:
     """Add what a block saw to the film, sample by sample, until that ends it; return what did, or None.
 
-    ends_sweep : True where each sample of a pixel completes a sweep
+    ends_sweep : True where the block's samples complete sweeps
     """
-    block, count = result.block, len(result.block)
+    block = result.block
     film.statistics.rays += result.rays
     if isinstance(block, ListedBlock):
         return add_listed(film, result, ending)
     pixels, ended_by = block.pixels, None
     if result.centre_values:
         film.set_centre(pixels, result.centre_values)
+    if block.strip is not None:
+        film.put_strip(pixels, block.strip)
+        film.samples += block.samples * ends_sweep
+        return ending.find(film) if ends_sweep else None
+    whole = len(block) == film.width * film.height
     for number in range(block.samples):
-        rows = slice(number * count, (number + 1) * count)
-        replication = (block.sample + number) % REPLICATIONS
-        film.add(pixels, {name: values[rows] for name, values in result.values.items()}, replication)
-        if ends_sweep:
-            film.samples += 1
+        add_sample(film, pixels, block, result.values, number)
+        film.samples += ends_sweep
+        if ends_sweep and (whole or number == block.samples - 1):
             ended_by = ending.find(film)
         if ended_by:
             break

@@ -18,10 +18,16 @@ from pathlib import Path
 import numpy as np
 
 import raytracer
+from raytracer.arrays.types import Floats
 from raytracer.film.film import Film
 from raytracer.film.film_picture import save_picture
+from raytracer.film.passes import find_pass
+from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
-from raytracer.rendering.blocks import BlockPlan
+from raytracer.rendering.block_plan import BLOCK_SECONDS, BlockPlan
+from raytracer.rendering.blocks import Block, BlockResult, FrameWindow, hand_out
+from raytracer.rendering.ending import Ending
+from raytracer.rendering.render import accumulate, plan_blocks
 from tests.benchmarks.timing import describe_machine
 from tests.large_scenes import make_crowd, make_terrain
 
@@ -103,24 +109,41 @@ def show_shares() -> str:
     return f"{min(40, sum(1 for _ in plan))} of 40"
 
 
+class Sender:
+    """A worker that has traced already: sends what a block of samples of some passes takes."""
+
+    def __init__(self, passes: tuple[str, ...]) -> None:
+        self.passes = passes
+        self.values: dict[int, dict[str, Floats]] = {}
+
+    def __call__(self, block: Block) -> BlockResult:
+        """Return its strip, or each sample of its pixels."""
+        count = len(block) * block.samples
+        if block.strip is not None:
+            block.strip.arrays["Sample Count"] += block.samples // 2
+            return BlockResult(block, {}, None, count, BLOCK_SECONDS)
+        if count not in self.values:
+            self.values[count] = {name: np.ones((count, find_pass(name).channels)) for name in self.passes}
+        return BlockResult(block, self.values[count], None, count, BLOCK_SECONDS)
+
+
 def show_adding() -> str:
-    """Return what the parent takes to receive and add a sample of two workers, of Combined and with four passes more,
-    and how many workers that could keep busy whose samples take as long as these, of one bare plane."""
-    quad = raytracer.Mesh([(-9, -9, -5), (9, -9, -5), (9, 9, -5), (-9, 9, -5)], [(0, 1, 2), (0, 2, 3)])
-    scene = raytracer.Scene(
-        meshes=[quad], world=raytracer.World((0.5, 0.6, 0.7)), camera=raytracer.Camera(np.eye(4)), materials=[GREY]
-    )
+    """Return what the parent of forty workers takes for a sample, of Combined and with four passes more, from where on
+    they add up what they trace; and how many could be kept busy whose samples take a microsecond."""
+    window = FrameWindow(raytracer.Camera(np.eye(4)), 4096, 2048, 0, 0, 4096, 2048)
     shown = []
-    with Workers(2) as workers:
+    with Workers(1) as workers:
         for passes in (("Combined",), ("Combined", "Normal", "Diffuse Color", "Diffuse Direct", "Diffuse Indirect")):
-            own, traced = [], []
-            for seed in range(4):
-                started = time.process_time()
-                film = raytracer.render(scene, 512, 512, 8, workers=workers, passes=passes, seed=seed)
-                own.append(time.process_time() - started)
-                traced.append(2 * film.statistics.trace_seconds)
-            share, whole = (np.median(times[1:]) / (512 * 512 * 8) * 1e9 for times in (own, traced))
-            shown.append(f"{share:.0f} ns of {whole:.0f}: {whole / share:.0f} workers")
+            settings = Settings(samples=48, passes=passes, workers=40)
+            film = Film(window.width, window.height, passes, samples=16)
+            film.arrays["Sample Count"][:] = 8
+            workers.load(Sender, passes)
+            plan = plan_blocks(raytracer.Scene(), film, window, settings, None)
+            started, first = time.process_time(), film.samples
+            results = workers.run(hand_out(film, plan))
+            accumulate(film, plan, results, Ending(settings, plan.sweeps, started, first), None, None)
+            share = (time.process_time() - started) / (window.width * window.height * (film.samples - first)) * 1e9
+            shown.append(f"{share:.0f} ns: {1000 / share:.0f} workers")
     return "; ".join(shown)
 
 
@@ -158,7 +181,7 @@ ROWS: tuple[tuple[str, str, str, Callable[[], str]], ...] = (
     ("two workers get a scene of 1M triangles (by the clock)", "1.9 s, 190 MB", "0.4 s, 32 MB", show_start),
     ("workers that a small picture uses", "8 of 40", "all", show_shares),
     (
-        "a sample of a bare plane, received and added by the parent (1 and 5 passes)",
+        "what the parent of 40 workers does for a sample (1 and 5 passes)",
         "some 40 workers",
         "more",
         show_adding,

@@ -9,7 +9,7 @@ from raytracer.film.film import Film
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import ending
-from raytracer.rendering.blocks import FIRST_SWEEPS, BlockPlan
+from raytracer.rendering.block_plan import FIRST_SWEEPS, BlockPlan
 from raytracer.rendering.ending import Ending
 from raytracer.rendering.render import render
 from tests.raytracer.rendering.error_scenes import SCENES

@@ -14,7 +14,8 @@ from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import blocks
 from raytracer.rendering import render as render_module
-from raytracer.rendering.blocks import FIRST_BLOCK, SMALLEST_BLOCK, Block, BlockPlan, BlockResult, make_window
+from raytracer.rendering.block_plan import FIRST_BLOCK, SMALLEST_BLOCK, BlockPlan
+from raytracer.rendering.blocks import Block, BlockResult, make_window
 from raytracer.rendering.ending import Ending
 from raytracer.rendering.render import render
 from raytracer.sampling.sobol import SobolSamples
