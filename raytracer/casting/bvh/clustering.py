@@ -59,7 +59,7 @@ class Clusters:
     left, right : (2 t - 1,) the two parts of merged clusters, -1 for items
     count : (2 t - 1,) how many items
     first : (2 t - 1,) position in `items` of the first one
-    items : (t,) the items, those of each cluster side by side
+    items : (t,) the items, those of each cluster side by side; along the curve until all are merged
     rounds : where the clusters of each round end, the items first
     """
 
@@ -105,45 +105,49 @@ def sort_along_curve(bounds: Bounds) -> Integers:
     return order
 
 
-def cluster(bounds: Bounds) -> Clusters:
-    """Merge t >= 1 boxes, (6, t), into one."""
-    count = bounds.shape[1]
-    order = sort_along_curve(bounds)
-    merged = Clusters(
+def begin_clusters(bounds: Bounds, order: Integers) -> Clusters:
+    """Return the clusters of t >= 1 boxes, (6, t), in their order along the curve, with room for those that
+    `merge_clusters` makes of them."""
+    count = len(order)
+    clusters = Clusters(
         bounds=np.empty((6, 2 * count - 1), np.float32),
         left=np.full(2 * count - 1, -1, np.int32),
         right=np.full(2 * count - 1, -1, np.int32),
         count=np.ones(2 * count - 1, np.int32),
         first=np.zeros(2 * count - 1, np.int32),
-        items=np.empty(count, np.int32),
+        items=order,
         rounds=[count],
     )
-    merged.bounds[:, :count] = bounds.take(order, axis=1)
-    active = merged.bounds[:, :count]
-    names = np.arange(count, dtype=np.int32)
+    for row, source in zip(clusters.bounds, bounds, strict=True):
+        source.take(order, out=row[:count], mode="clip")
+    return clusters
+
+
+def merge_clusters(clusters: Clusters) -> None:
+    """Merge clusters, a round of pairs after the other, into one."""
+    bounds = clusters.bounds
+    names = np.arange(clusters.rounds[0], dtype=np.int32)
     while len(names) > 1:
-        first, second = _choose_pairs(active)
-        new = slice(merged.rounds[-1], merged.rounds[-1] + len(first))
-        merged.left[new], merged.right[new] = names[first], names[second]
-        merged.count[new] = merged.count[names[first]] + merged.count[names[second]]
-        union = np.minimum(active.take(first, axis=1), active.take(second, axis=1))
-        merged.bounds[:, new] = union
+        first, second = _choose_pairs(bounds, names)
+        new = slice(clusters.rounds[-1], clusters.rounds[-1] + len(first))
+        left, right = names.take(first), names.take(second)
+        clusters.left[new], clusters.right[new] = left, right
+        clusters.count[new] = clusters.count.take(left) + clusters.count.take(right)
+        for row in bounds:
+            np.minimum(row.take(left), row.take(right), out=row[new])
+        names[first] = np.arange(new.start, new.stop, dtype=np.int32)
         left_over = np.ones(len(names), dtype=bool)
         left_over[second] = False
-        keep = np.flatnonzero(left_over)
-        active, names = active.take(keep, axis=1), names[keep]
-        place = np.searchsorted(keep, first)
-        active[:, place], names[place] = union, np.arange(new.start, new.stop)
-        merged.rounds.append(new.stop)
-    _place_items(merged, order)
-    return merged
+        names = names[left_over]
+        clusters.rounds.append(new.stop)
+    _place_items(clusters)
 
 
-def _choose_pairs(active: Bounds) -> tuple[NDArray[np.intp], Integers]:
-    """The clusters that choose each other, (k,) first and (k,) second places."""
-    count = active.shape[1]
+def _choose_pairs(bounds: Bounds, names: Integers) -> tuple[NDArray[np.intp], Integers]:
+    """The named clusters that choose each other, (k,) first and (k,) second places among the names."""
+    count = len(names)
     place = np.arange(count, dtype=np.int32)
-    partner = _find_partners(active)
+    partner = _find_partners(bounds, names)
     first = np.flatnonzero((partner.take(partner) == place) & (partner > place))
     if MANY * len(first) < count:  # long chains of clusters that all prefer the one before
         first = np.arange(0, count - 1, 2)
@@ -151,13 +155,13 @@ def _choose_pairs(active: Bounds) -> tuple[NDArray[np.intp], Integers]:
     return first, partner[first]
 
 
-def _find_partners(active: Bounds) -> Integers:
-    """(m,) the place of the neighbour with which each cluster wastes the least surface."""
-    count = active.shape[1]
+def _find_partners(bounds: Bounds, names: Integers) -> Integers:
+    """(m,) the place of the neighbour with which each of the named clusters wastes the least surface."""
+    count = len(names)
     partner = np.empty(count, np.int32)
     for start in range(0, count, BLOCK):
         begin, stop = max(0, start - RADIUS), min(count, start + BLOCK)
-        offset = _nearest_offsets(active[:, begin : stop + RADIUS], begin)
+        offset = _nearest_offsets(bounds.take(names[begin : stop + RADIUS], axis=1), begin)
         place = np.arange(start, stop, dtype=np.int32)
         partner[start:stop] = place + offset[start - begin : stop - begin]
     return partner
@@ -185,10 +189,11 @@ def _nearest_offsets(active: Bounds, begin: int) -> Integers:
     return np.where((code & 1) == odd, (code >> 1) + 1, -(code >> 1) - 1)
 
 
-def _place_items(merged: Clusters, order: Integers) -> None:
-    """Fill in `first` from the root down, and `items`."""
-    for part in merged.from_root():
-        left, first = merged.left[part], merged.first[part]
-        merged.first[left] = first
-        merged.first[merged.right[part]] = first + merged.count.take(left)
-    merged.items[merged.first[: len(order)]] = order
+def _place_items(clusters: Clusters) -> None:
+    """Fill in `first` from the root down, and put the items side by side."""
+    for part in clusters.from_root():
+        left, first = clusters.left[part], clusters.first[part]
+        clusters.first[left] = first
+        clusters.first[clusters.right[part]] = first + clusters.count.take(left)
+    order = clusters.items.copy()
+    clusters.items[clusters.first[: len(order)]] = order

@@ -27,9 +27,9 @@ class Hierarchy:
     """All trees of a scene in one table.
 
     frame : of the world trees
-    nodes : (k, 8, 4) float32, all trees' nodes; child references count in this table
+    nodes : (k, 7, 4) float32, all trees' nodes; child references count in this table
     triangles : (b, 10, 4) float32, the triangles of the leaves before `instances_begin`, see `leaves`
-    items : (b, 4) int64, what those leaves hold: primitive ids, and triangles of shared meshes
+    items : (b, 4) int32 or int64, what those leaves hold: primitive ids, and triangles of shared meshes
     instances_begin : number of the first leaf that holds an instance
     instances : (i,) int64, the instances that such leaves hold
     roots : nodes at which every ray begins
@@ -40,7 +40,7 @@ class Hierarchy:
     frame: Frame
     nodes: NDArray[np.float32]
     triangles: NDArray[np.float32]
-    items: NDArray[np.int64]
+    items: NDArray[np.signedinteger]
     instances_begin: int
     instances: NDArray[np.int64]
     roots: tuple[int, ...]

@@ -226,7 +226,7 @@ class Traversal:
         low = np.where(hits.low > -np.inf, hits.low, -np.inf)
         found = np.flatnonzero(hits.possible & (low <= self.best_rows.take(ray, axis=0)))
         pair, slot = found // WIDTH, found % WIDTH
-        item = self.items.take(leaf.take(pair) * WIDTH + slot)
+        item = self.items.take(leaf.take(pair) * WIDTH + slot).astype(np.int64, copy=False)
         if self.hierarchy.placed is not None:
             item += self.rows.id_shift.take(row.take(pair))
         candidates = Pairs(ray.take(pair), item, low.ravel().take(found))

@@ -97,13 +97,24 @@ def bound_triangles(frame: Frame, corners: NDArray) -> Bounds:
     return bounds
 
 
+def name_items(leaves: Integers, item_ids: NDArray[np.int64]) -> NDArray[np.signedinteger]:
+    """Return what leaves (b, 4) hold, ids instead of numbers of the input: these very leaves where both are the same,
+    and at most 4 bytes each where that is enough."""
+    count = len(item_ids)
+    if count and item_ids[0] == 0 and item_ids[-1] == count - 1:  # ids ascend
+        return leaves
+    fits = item_ids.max(initial=0) <= np.iinfo(np.int32).max
+    ids: NDArray[np.signedinteger] = item_ids.astype(np.int32 if fits else np.int64)
+    return ids[leaves]
+
+
 class Table:
     """Trees being joined. Names tell which tree of the last table a new one may be."""
 
     def __init__(self, last: Mapping[Name, JoinedTree]) -> None:
         self.last = last
         self.trees: dict[Name, JoinedTree] = {}
-        self.items = [np.zeros((0, WIDTH), np.int64)]
+        self.items: list[NDArray[np.signedinteger]] = [np.zeros((0, WIDTH), np.int32)]
         self.node_count = self.leaf_count = 0
 
     def append(self, name: Name, source: TreeInput, item_ids: NDArray[np.int64]) -> int:
@@ -111,7 +122,7 @@ class Table:
         known = self.last.get(name)
         # The new input replaces the last one, so that the arrays of the last scene can be freed.
         tree = replace(known, source=source) if known and known.source.equals(source) else grow_tree(source)
-        self.items.append(item_ids[tree.leaves])
+        self.items.append(name_items(tree.leaves, item_ids))
         return self._add(name, tree, len(tree.leaves))
 
     def append_boxes(self, name: Name, source: TreeInput) -> tuple[int, Integers]:
@@ -150,8 +161,8 @@ class Table:
         self.leaf_count += kept
         return root
 
-    def join(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-        """Return nodes (k, 8, 4), triangles (b, 10, 4) and items (b, 4); `trees` become views of them."""
+    def join(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.signedinteger]]:
+        """Return nodes (k, 7, 4), triangles (b, 10, 4) and items (b, 4); `trees` become views of them."""
         if len(self.trees) == 1 and not self.last:  # it may be most of the memory: no copy
             (tree,) = self.trees.values()
             return tree.nodes, tree.triangles, self.items[-1]

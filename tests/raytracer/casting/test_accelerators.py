@@ -163,6 +163,12 @@ def _check_node(tree, bounds, leaf_size, node):
     return found, depth
 
 
+def cluster(bounds):
+    clusters = clustering.begin_clusters(bounds, clustering.sort_along_curve(bounds))
+    clustering.merge_clusters(clusters)
+    return clusters
+
+
 def test_chains_of_clusters_that_prefer_the_one_before_are_merged_in_pairs():
     """Boxes that grow along a line: each is nearest to a smaller one, so that only the first two choose each other."""
     size = 1.01 ** np.arange(600)
@@ -171,14 +177,14 @@ def test_chains_of_clusters_that_prefer_the_one_before_are_merged_in_pairs():
     boxes[:, 0, 0], boxes[:, 1] = place - size / 2, size[:, None]
     boxes[:, 1, 0] = place + size / 2
     frame = make_frame(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
-    clusters = clustering.cluster(to_bounds(frame, boxes))
+    clusters = cluster(to_bounds(frame, boxes))
     assert len(clusters.rounds) < 100
     assert clusters.count[-1] == 600
 
 
 def test_clusters_lie_side_by_side_and_their_bounds_are_the_unions(rng):
     bounds = np.concatenate([rng.uniform(-1, 0, (3, 500)), rng.uniform(-1, 0, (3, 500))]).astype(np.float32)
-    clusters = clustering.cluster(bounds)
+    clusters = cluster(bounds)
     assert sorted(clusters.items) == list(range(500))
     for k in range(len(clusters.count)):
         items = clusters.items[clusters.first[k] : clusters.first[k] + clusters.count[k]]
@@ -191,7 +197,7 @@ def test_partners_waste_the_least_surface_of_all_neighbours(rng):
     for block in (7, 64, 1 << 14):
         clustering.BLOCK, keep = block, clustering.BLOCK
         try:
-            partners = clustering._find_partners(bounds)
+            partners = clustering._find_partners(bounds, np.arange(bounds.shape[1], dtype=np.int32))
         finally:
             clustering.BLOCK = keep
         for place in range(300):
