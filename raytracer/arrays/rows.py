@@ -2,6 +2,10 @@
 
 NumPy's own take many times as long for short rows: 32,768 rows of three, nanoseconds a row, `values[index]` 14,
 `values.take(index, axis=0)` 4; `mask.any(axis=1)` 24, `values.mean(axis=1)` 15, of the columns 2.
+
+What shading works on therefore lies column by column in memory (Fortran order), in arrays that are (n, 3) all the same:
+what is made of such arrays lies so as well, and every expression reads as before, with the same bits. A row takes, by
+rows and by columns: `where(s[:, None], v, w)` 8.0 and 1.7 ns, `s[:, None] * v` 2.7 and 0.5, `dot` 2.1 and 1.1.
 """
 
 from __future__ import annotations
@@ -14,12 +18,44 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Booleans, Floats
 
 
+def lay_columns(values: NDArray[Any]) -> NDArray[Any]:
+    """Return (n, k) with its columns one after the other in memory."""
+    return np.asfortranarray(values)
+
+
+def make_zeros(count: int, width: int = 3) -> Floats:
+    """Return zeros (n, k), column by column in memory."""
+    return np.zeros((width, count)).T
+
+
+def join_columns(*columns: Floats) -> Floats:
+    """Return (n, k) of columns (n,), one after the other in memory."""
+    joined = np.empty((len(columns), len(columns[0])))
+    for row, column in zip(joined, columns, strict=True):
+        row[:] = column
+    return joined.T
+
+
+def repeat_column(column: Floats) -> Floats:
+    """Return (n, 3) of a column (n,) three times, one after the other in memory."""
+    return join_columns(column, column, column)
+
+
+def scale_vectors(vectors: Floats, factors: Floats) -> Floats:
+    """Return vectors, (3,) one for all or (n, 3), times factors (n,): (n, 3), column by column in memory."""
+    return (np.atleast_2d(vectors).T * factors).T
+
+
 def take_rows(values: NDArray[Any], rows: Any) -> NDArray[Any]:
-    """Return `values[rows]` for a slice, an index array or a boolean array (n,) of rows."""
+    """Return `values[rows]` for a slice, an index array or a boolean array (n,), in the same order of memory."""
     if isinstance(rows, slice) or values.ndim == 1:
         return values[rows]
     rows = np.asarray(rows)
-    return values.take(np.flatnonzero(rows) if rows.dtype == np.bool_ else rows, axis=0)
+    rows = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
+    # Either way the table is contiguous, which `take` would copy otherwise.
+    return (
+        values.T.take(rows, axis=1).T if values.ndim == 2 and values.flags.f_contiguous else values.take(rows, axis=0)
+    )
 
 
 def any_column(mask: Booleans) -> Booleans:

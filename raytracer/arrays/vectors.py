@@ -31,10 +31,10 @@ def normalize(vectors: Floats) -> Floats:
 
 
 def _join_components(x: Floats, y: Floats, z: Floats) -> Floats:
-    """Return vectors (..., 3) of components (...)."""
-    vectors = np.empty((*x.shape, 3))
-    vectors[..., 0], vectors[..., 1], vectors[..., 2] = x, y, z
-    return vectors
+    """Return vectors (..., 3) of components (...), component by component in memory."""
+    vectors = np.empty((3, *x.shape))
+    vectors[0], vectors[1], vectors[2] = x, y, z
+    return np.moveaxis(vectors, 0, -1)
 
 
 def transform(matrix: Floats, vectors: Floats) -> Floats:
@@ -43,7 +43,7 @@ def transform(matrix: Floats, vectors: Floats) -> Floats:
     Sums have one order, the components'. NumPy's own product goes to BLAS, whose order of sums, and with it the last
     bit, differs between processors.
     """
-    return np.stack([dot(vectors, row) for row in matrix], axis=-1)
+    return np.moveaxis(np.stack([dot(vectors, row) for row in matrix]), 0, -1)
 
 
 def make_frame(normals: Floats) -> tuple[Floats, Floats]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raytracer.arrays.rows import sum_columns
+from raytracer.arrays.rows import lay_columns, sum_columns, take_rows
 from raytracer.arrays.types import Counts, Floats, Kinds
 
 # The bits of a kind. A reflection lacks TRANSMITTED, and is DIFFUSE or GLOSSY; what is SINGULAR is GLOSSY as well.
@@ -20,16 +20,19 @@ STRAIGHT, DIFFUSE, GLOSSY, SINGULAR, TRANSMITTED = 0, 1, 2, 4, 8
 COUNTED = ("diffuse", "glossy", "transmission")
 
 
-# The column of each kind.
-COLUMN_OF_KIND = np.array([2 if kind & TRANSMITTED else 0 if kind & DIFFUSE else 1 for kind in range(16)])
+def _count_one(kind: int) -> list[bool]:
+    """Return the counts of one bounce."""
+    column = 2 if kind & TRANSMITTED else 0 if kind & DIFFUSE else 1
+    return [kind != STRAIGHT and column == other for other in range(len(COUNTED))]
+
+
+# What a bounce of each kind adds to the counts.
+ADDED_BY_KIND = lay_columns(np.array([_count_one(kind) for kind in range(16)], np.int32))
 
 
 def count_bounces(counts: Counts, kind: Kinds) -> Counts:
     """Return the counts (n, 3) of paths after a bounce of each `kind` (n,); straight passages count nowhere."""
-    counts = counts.copy()
-    rows = np.flatnonzero(kind)
-    counts[rows, COLUMN_OF_KIND[kind[rows]]] += 1
-    return counts
+    return counts + take_rows(ADDED_BY_KIND, kind)
 
 
 def describe_kinds(kind: Kinds, counts: Counts) -> dict[str, Floats]:

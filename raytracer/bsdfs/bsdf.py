@@ -17,7 +17,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, mean_column, sum_columns, take_rows
+from raytracer.arrays.rows import any_column, make_zeros, mean_column, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Colors, Floats, Kinds, Numbers, Vectors
 from raytracer.arrays.vectors import to_world
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
@@ -69,7 +69,7 @@ def lobe_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
 def lobe_shares(shading: Shading, with_diffuse: bool = False) -> Floats:
     """Return about how much light each lobe sends on, in the columns of `lobe_probabilities`."""
     count = 1 + len(shading.lobes)
-    shares = np.zeros((len(shading), count + (1 + len(shading.tilted) if with_diffuse else 0)))
+    shares = make_zeros(len(shading), count + (1 + len(shading.tilted) if with_diffuse else 0))
     shares[:, 0] = mean_column(shading.transparency)
     for column, lobes in enumerate(shading.lobes, start=1):
         shares[lobes.hit, column] = mean_column(lobes.weight) * lobes.albedo
@@ -93,7 +93,7 @@ def evaluate_lobes(
 
     part : 'glossy' leaves only what is reflected in f, 'diffuse' nothing
     """
-    specular, density = np.zeros((len(shading), 3)), np.zeros(len(shading))
+    specular, density = make_zeros(len(shading)), np.zeros(len(shading))
     for column, lobes in enumerate(shading.lobes, start=1):
         lobes = _select_facing(shading, lobes, incoming)
         rows = lobes.hit
@@ -191,7 +191,7 @@ def _squared_tangent(cosine: Floats) -> Floats:
 def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Microfacets:
     """Return the lobes that may send light from `incoming` (n, 3) back: perfect ones never, others to the side of the
     surface that they reflect or transmit to."""
-    above = dot(lobes.normal, incoming.take(lobes.hit, axis=0)) > 0
+    above = dot(lobes.normal, take_rows(incoming, lobes.hit)) > 0
     facing = ~lobes.is_perfect & np.where(above, any_column(lobes.reflection > 0), any_column(lobes.transmission > 0))
     return lobes if facing.all() else lobes.select(np.flatnonzero(facing))
 
@@ -204,9 +204,7 @@ def sample_bsdf(shading: Shading, probabilities: Floats, choice: Floats, pair: F
     """
     count = len(shading)
     lobe, rest = _choose_lobe(probabilities, choice)
-    sample = BsdfSample(
-        -shading.outgoing, np.zeros((count, 3)), np.full(count, np.inf), np.zeros(count, dtype=np.uint8)
-    )
+    sample = BsdfSample(-shading.outgoing, make_zeros(count), np.full(count, np.inf), np.zeros(count, dtype=np.uint8))
     straight = np.flatnonzero(lobe == 0)
     sample.weight[straight] = take_rows(shading.transparency, straight) / probabilities[straight, 0:1]
     spread = np.zeros(count, dtype=np.bool_)
@@ -252,7 +250,7 @@ def _sample_diffuse(
     first = 1 + len(shading.lobes)
     normal = shading.normal
     if shading.tilted:
-        normal = normal.copy()
+        normal = normal.copy("K")
         for column, part in enumerate(shading.tilted, start=first + 1):
             taken = lobe[part.hit] == column
             normal[part.hit[taken]] = part.normal[taken]

@@ -18,6 +18,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from raytracer.arrays.rows import repeat_column
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import reflect
 from raytracer.bsdfs.closures import Closures, Points
@@ -123,7 +124,7 @@ def _reflect_metal(
     closures: Closures, points: Points, beckmann: bool, fresnel: int, f0: Floats, f82: Floats, mean: Floats
 ) -> Microfacets:
     white = np.ones_like(f0)
-    weight = np.repeat(closures.weight[:, np.newaxis], 3, axis=1)
+    weight = repeat_column(closures.weight)
     grain = stretch_grain(read_grain(closures, beckmann), closures, points)
     facets = Facets(fresnel, f0, f82, white, 0.0 * white)
     return make_lobes(closures, points, weight, white[:, 0], facets, grain, mean_color=mean)
@@ -133,9 +134,9 @@ def _add_glass(closures: Closures, points: Points) -> Lobes:
     """Reflection and refraction with the color on both, as Fresnel's formulas share them out."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
-        f0 = np.repeat(normal_reflectance(some.ior)[:, np.newaxis], 3, axis=1)
+        f0 = repeat_column(normal_reflectance(some.ior))
         facets = Facets(DIELECTRIC, f0, 0.0 * f0, some.color, some.color)
-        weight, eta = np.repeat(some.weight[:, np.newaxis], 3, axis=1), where.relative_ior(some.ior)
+        weight, eta = repeat_column(some.weight), where.relative_ior(some.ior)
         lobes.append(make_lobes(some, where, weight, eta, facets, read_grain(some, beckmann), mean_color=some.color))
     return lobes
 

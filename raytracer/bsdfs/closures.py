@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, mean_column, take_rows
+from raytracer.arrays.rows import any_column, lay_columns, mean_column, take_rows
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.diffuse import DiffuseShape
@@ -52,7 +52,7 @@ class Closures:
     def __getattr__(self, name: str) -> Floats:
         if name not in (*PARAMETERS, "beckmann"):
             raise AttributeError(name)
-        values: Floats = self.columns[name][self.rows]
+        values: Floats = take_rows(self.columns[name], self.rows)
         if name in self.computed:
             values = np.where(np.isnan(values), self.computed[name], values)
         return values
@@ -76,7 +76,7 @@ def pack_closures(closures: list[Closure]) -> Closures:
             return value
         return np.full(3, np.nan) if name in CLOSURE_COLORS else np.nan
 
-    columns = {name: np.array([read(item, name) for item in closures], dtype=np.float64) for name in PARAMETERS}
+    columns = {name: lay_columns(np.array([read(item, name) for item in closures], np.float64)) for name in PARAMETERS}
     columns["beckmann"] = np.array([item.distribution == "beckmann" for item in closures], dtype=np.float64)
     return Closures(columns, np.arange(len(closures)))
 
@@ -140,7 +140,7 @@ class Shading:
 
     def sum_diffuse(self) -> Floats:
         """(n, 3) the albedo of all diffuse parts, with what is below the surface."""
-        total = self.diffuse.copy() if self.tilted or self.subsurface else self.diffuse
+        total = self.diffuse.copy("K") if self.tilted or self.subsurface else self.diffuse
         for part in self.tilted:
             total[part.hit] += part.albedo
         for buried in self.subsurface:
@@ -244,7 +244,7 @@ class Points:
     def specular_normal(self, name: str = "normal") -> tuple[Floats, Floats]:
         """Return the normals (k, 3) of microfacet lobes and the cosine (k,) of the view against them."""
         outgoing = self.outgoing
-        normal = tilt_to_reflect(self.find_normal(name), self.shading.geometric_normal[self.rows], outgoing)
+        normal = tilt_to_reflect(self.find_normal(name), take_rows(self.shading.geometric_normal, self.rows), outgoing)
         return normal, dot(normal, outgoing)
 
     def relative_ior(self, ior: Floats) -> Floats:

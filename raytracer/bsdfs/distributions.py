@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.arrays.rows import join_columns, take_rows
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import make_frame, normalize
 from raytracer.lecture import cross, dot
@@ -70,7 +71,8 @@ class Stretch:
     across: Floats
 
     def select(self, rows: Any) -> Stretch:
-        return Stretch(self.tangent[rows], self.bitangent[rows], self.along[rows], self.across[rows])
+        along, across = self.along[rows], self.across[rows]
+        return Stretch(take_rows(self.tangent, rows), take_rows(self.bitangent, rows), along, across)
 
     def project(self, directions: Floats) -> tuple[Floats, Floats]:
         """Return the components (m,) of directions (m, 3) along the tangent and the bitangent."""
@@ -121,12 +123,12 @@ def sample_visible_normals(local_outgoing: Floats, alpha: Floats, pair: Floats, 
     Stretched by alpha the facets are a hemisphere; the normals halfway between the view and points even on a spherical
     cap are those of the parts that are seen.
     """
-    stretch = np.stack([alpha, alpha if across is None else across, np.ones_like(alpha)], axis=-1)
+    stretch = join_columns(alpha, alpha if across is None else across, np.ones_like(alpha))
     view = normalize(local_outgoing * stretch)
     angle = 2.0 * np.pi * pair[:, 0]
     height = (1.0 - pair[:, 1]) * (1.0 + view[:, 2]) - view[:, 2]
     sine = np.sqrt(np.maximum(1.0 - height * height, 0.0))
-    cap = np.stack([sine * np.cos(angle), sine * np.sin(angle), height], axis=1)
+    cap = join_columns(sine * np.cos(angle), sine * np.sin(angle), height)
     return normalize((cap + view) * stretch)
 
 
@@ -134,4 +136,4 @@ def sample_beckmann_normals(alpha: Floats, pair: Floats, across: Floats | None =
     """Return facet normals (m, 3), z = normal, with the density D cos: tan^2 = -alpha^2 log(1 - v)."""
     slope, angle = np.sqrt(-np.log1p(-pair[:, 1])), 2.0 * np.pi * pair[:, 0]
     x, y = alpha * slope * np.cos(angle), (alpha if across is None else across) * slope * np.sin(angle)
-    return normalize(np.stack([x, y, np.ones_like(x)], axis=1))
+    return normalize(join_columns(x, y, np.ones_like(x)))

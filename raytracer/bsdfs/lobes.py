@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, mean_column
+from raytracer.arrays.rows import any_column, mean_column, take_rows
 from raytracer.arrays.types import Floats
 from raytracer.bsdfs.closures import Closures, Points
 from raytracer.bsdfs.distributions import Stretch, make_stretch, rotate
@@ -133,7 +133,7 @@ def make_lobes(
         beckmann=grain.beckmann,
         stretch=_lay_stretch(closures, points, normal, grain),
     )
-    scaled, energy_scale = weight.copy(), lobes.energy_scale
+    scaled, energy_scale = weight.copy("K"), lobes.energy_scale
     returned = ~lobes.is_perfect & (grain.multiscatter > 0)
     for rows, read in (
         (np.flatnonzero(returned & ~refracts), lambda x, y, _: read_reflection(x, y)),
@@ -141,7 +141,7 @@ def make_lobes(
     ):
         if mean_color is not None and len(rows):
             share, mean = read(roughness[rows], cosine[rows], eta[rows])
-            added = compensate(share, mean, np.minimum(mean_color[rows], 1.0)) - 1.0
+            added = compensate(share, mean, np.minimum(take_rows(mean_color, rows), 1.0)) - 1.0
             scaled[rows] *= 1.0 + grain.multiscatter[rows, np.newaxis] * added
             energy_scale[rows] += grain.multiscatter[rows] * (1.0 / share - 1.0)
     return dataclasses.replace(lobes, weight=scaled, albedo=_estimate_albedo(lobes, cosine))

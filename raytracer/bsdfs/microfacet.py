@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, mean_column, take_rows
+from raytracer.arrays.rows import any_column, join_columns, lay_columns, make_zeros, mean_column, take_rows
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import make_frame, normalize, reflect
 from raytracer.bsdfs.distributions import (
@@ -108,7 +108,7 @@ def evaluate_fresnel(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats
 
     A DIELECTRIC lobe runs from its f0 to 1 as the real curve does, so that a tint of f0 keeps the angle dependence.
     """
-    reflectance = np.ones((len(lobes), 3))
+    reflectance = lay_columns(np.ones((len(lobes), 3)))
     for kind in (METAL, DIELECTRIC, CONDUCTOR):
         rows = np.flatnonzero(lobes.fresnel == kind)
         if len(rows) == len(lobes):  # nearly always, and nothing is copied
@@ -118,7 +118,7 @@ def evaluate_fresnel(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats
             described = (take_rows(values, rows) for values in (lobes.f0, lobes.f82, lobes.eta))
             reflectance[rows] = _reflect_by_kind(kind, cosine[rows], *described)
     if not lobes.transmission.any():
-        return reflectance * lobes.reflection, np.zeros((len(lobes), 3))
+        return reflectance * lobes.reflection, make_zeros(len(lobes))
     passing = np.where(lobes.fresnel[:, np.newaxis] == CONSTANT, 1.0, 1.0 - reflectance)
     total = (transmitted_cosine(cosine, lobes.eta) == 0)[:, np.newaxis]
     return reflectance * lobes.reflection, np.where(total, 0.0, passing * lobes.transmission)
@@ -174,7 +174,7 @@ def evaluate_microfacets(
     common = 0.25 * facets.density
     rows = np.flatnonzero(passes & possible)
     if len(rows):
-        span = lobes.eta[rows, np.newaxis] * incoming[rows] + outgoing[rows]
+        span = lobes.eta[rows, np.newaxis] * take_rows(incoming, rows) + take_rows(outgoing, rows)
         bend = lobes.eta[rows] ** 2 * np.abs(cos_half_out[rows] * cos_half_in[rows]) / dot(span, span)
         common[rows] = bend * facets.density[rows]
     common = np.where(possible, common / np.where(possible, cos_out, 1.0), 0.0)
@@ -272,10 +272,10 @@ def sample_microfacets(
 
 def _sample_half_vectors(lobes: Microfacets, outgoing: Floats, pair: Floats) -> Floats:
     """Return facet normals (m, 3): the surface normal itself for perfect lobes."""
-    half = lobes.normal.copy()
+    half = lobes.normal.copy("K")
     rough = np.flatnonzero(~lobes.is_perfect & (dot(lobes.normal, outgoing) > 0))
     if len(rough):
-        half[rough] = normalize(_sample_facets(lobes.select(rough), outgoing[rough], pair[rough]))
+        half[rough] = normalize(_sample_facets(lobes.select(rough), take_rows(outgoing, rough), take_rows(pair, rough)))
     return half
 
 
@@ -288,7 +288,7 @@ def _sample_facets(lobes: Microfacets, outgoing: Floats, pair: Floats) -> Floats
     if lobes.beckmann:
         facet = sample_beckmann_normals(alpha, pair, across)
     else:
-        view = np.stack([dot(u, outgoing), dot(v, outgoing), dot(normal, outgoing)], axis=1)
+        view = join_columns(dot(u, outgoing), dot(v, outgoing), dot(normal, outgoing))
         facet = sample_visible_normals(view, alpha, pair, across)
     return facet[:, 0:1] * u + facet[:, 1:2] * v + facet[:, 2:3] * normal
 
@@ -306,10 +306,10 @@ def tilt_to_reflect(normal: Floats, geometric_normal: Floats, outgoing: Floats) 
     rows = np.flatnonzero(low)
     if not len(rows):
         return normal
-    axis = geometric_normal[rows]
-    aside = normalize(normal[rows] - dot(normal[rows], axis)[:, np.newaxis] * axis)
-    a, b = dot(outgoing[rows], aside), height[rows]
+    axis, bent = take_rows(geometric_normal, rows), take_rows(normal, rows)
+    aside = normalize(bent - dot(bent, axis)[:, np.newaxis] * axis)
+    a, b = dot(take_rows(outgoing, rows), aside), height[rows]
     turn = (np.arctan2(a, b) + np.arccos(np.clip(limit[rows] / np.hypot(a, b), -1.0, 1.0))) / 2.0
-    tilted = normal.copy()
+    tilted = normal.copy("K")
     tilted[rows] = np.sin(turn)[:, np.newaxis] * aside + np.cos(turn)[:, np.newaxis] * axis
     return tilted

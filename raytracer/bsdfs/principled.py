@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, largest_column
+from raytracer.arrays.rows import any_column, largest_column, repeat_column, take_rows
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.closures import Closures, Points
@@ -40,7 +40,7 @@ LARGEST_REFLECTANCE = 0.99
 def add_principled(closures: Closures, points: Points) -> list[Microfacets]:
     """Add what the layers of Principled closures are made of, from the top: sheen, coat, metal, glass, base."""
     lobes = []
-    weight = np.repeat((closures.weight * closures.alpha)[:, np.newaxis], 3, axis=1)
+    weight = repeat_column(closures.weight * closures.alpha)
     if closures.uses("sheen_weight"):
         weight = _add_sheen(closures, points, weight)
     if closures.uses("coat_weight"):
@@ -70,11 +70,11 @@ def add_matte(closures: Closures, points: Points, albedo: Floats, color: Floats,
         return
     roughness = closures.diffuse_roughness
     rough = roughness >= SMALLEST_WEIGHT
-    points.select(~rough).add_diffuse(albedo[~rough])
+    points.select(~rough).add_diffuse(take_rows(albedo, ~rough))
     where = points.select(rough)
     returned = np.ones(len(where.rows)) if full else closures.multiscatter[rough]
-    shape = make_rough_matte(where.normal, where.outgoing, roughness[rough], color[rough], returned)
-    where.add_part(where.normal, albedo[rough], shape)
+    shape = make_rough_matte(where.normal, where.outgoing, roughness[rough], take_rows(color, rough), returned)
+    where.add_part(where.normal, take_rows(albedo, rough), shape)
 
 
 def _leave_under(weight: Floats, albedo: Floats) -> Floats:
@@ -92,9 +92,9 @@ def _add_sheen(closures: Closures, points: Points, weight: Floats) -> Floats:
         normal = normalize(normal + coated * (where.vectors["coat_normal"] - normal))
     shape, albedo = make_sheen(normal, where.outgoing, some.sheen_roughness)
     tint = some.sheen_weight[:, np.newaxis] * some.sheen_tint * albedo[:, np.newaxis]
-    where.add_part(normal, tint * weight[part], shape)
-    under = weight.copy()
-    under[part] = _leave_under(weight[part], tint)
+    where.add_part(normal, tint * take_rows(weight, part), shape)
+    under = weight.copy("K")
+    under[part] = _leave_under(take_rows(weight, part), tint)
     return under
 
 
@@ -103,15 +103,16 @@ def _make_coat(closures: Closures, points: Points, weight: Floats) -> tuple[Micr
     part = (closures.coat_weight > SMALLEST_WEIGHT) & any_column(weight > 0)
     some, where = closures.select(part), points.select(part)
     eta, amount = some.coat_ior, some.coat_weight[:, np.newaxis]
-    f0 = np.repeat(normal_reflectance(eta)[:, np.newaxis], 3, axis=1)
-    mean = np.repeat(mean_dielectric_reflectance(eta)[:, np.newaxis], 3, axis=1)
+    f0, mean = repeat_column(normal_reflectance(eta)), repeat_column(mean_dielectric_reflectance(eta))
     facets = Facets(DIELECTRIC, f0, 0.0 * f0, np.ones_like(f0), 0.0 * f0)
     grain = Grain(some.coat_roughness, 1.0 - some.simple_coat)
-    plain = amount * weight[part]
+    plain = amount * take_rows(weight, part)
     name = "coat_normal" if "coat_normal" in where.vectors else "normal"
     lobes = make_lobes(some, where, plain, eta, facets, grain, mean, name)
-    under = weight.copy()
-    under[part] = _leave_under(weight[part], amount * _layer_albedo(lobes, where, plain, grain, some.simple_coat))
+    under = weight.copy("K")
+    under[part] = _leave_under(
+        take_rows(weight, part), amount * _layer_albedo(lobes, where, plain, grain, some.simple_coat)
+    )
     depth = 1.0 / transmitted_cosine(np.clip(dot(lobes.normal, where.outgoing), 0.0, 1.0), eta)
     tinted = some.coat_tint ** depth[:, np.newaxis]
     under[part] *= np.maximum(1.0 + amount * (tinted - 1.0), 0.0)
@@ -127,7 +128,7 @@ def _make_metal(closures: Closures, points: Points, weight: Floats) -> Microface
     white = np.ones_like(f0)
     facets = Facets(METAL, f0, f82, white, 0.0 * white)
     grain = stretch_grain(read_grain(some), some, where)
-    return make_lobes(some, where, weight[part], white[:, 0], facets, grain, mean_color=metal_mean(f0, f82))
+    return make_lobes(some, where, take_rows(weight, part), white[:, 0], facets, grain, mean_color=metal_mean(f0, f82))
 
 
 def _make_glass(closures: Closures, points: Points, weight: Floats) -> Microfacets:
@@ -137,7 +138,9 @@ def _make_glass(closures: Closures, points: Points, weight: Floats) -> Microface
     tint = np.sqrt(np.minimum(some.color, 1.0))
     f0 = np.minimum(normal_reflectance(some.ior)[:, np.newaxis] * some.specular_tint, 1.0)
     facets = Facets(DIELECTRIC, f0, 0.0 * f0, np.ones_like(f0), tint)
-    return make_lobes(some, where, weight[part], where.relative_ior(some.ior), facets, read_grain(some), tint)
+    return make_lobes(
+        some, where, take_rows(weight, part), where.relative_ior(some.ior), facets, read_grain(some), tint
+    )
 
 
 def _make_specular(closures: Closures, points: Points, weight: Floats) -> tuple[Microfacets, Floats]:
@@ -145,14 +148,14 @@ def _make_specular(closures: Closures, points: Points, weight: Floats) -> tuple[
     eta, f0 = _specular_level(closures.ior, closures.specular)
     part = (eta != 1.0) & any_column(weight > 0)
     some, where = closures.select(part), points.select(part)
-    plain, eta = weight[part], eta[part]
+    plain, eta = take_rows(weight, part), eta[part]
     tinted = np.minimum(f0[part, np.newaxis] * some.specular_tint, 1.0)
     own = normal_reflectance(eta)
     rise = np.clip((mean_dielectric_reflectance(eta) - own) / (1.0 - own), 0.0, 1.0)[:, np.newaxis]
     facets = Facets(DIELECTRIC, tinted, 0.0 * tinted, np.ones_like(tinted), 0.0 * tinted)
     grain = stretch_grain(read_grain(some), some, where)
     lobes = make_lobes(some, where, plain, eta, facets, grain, mean_color=tinted + (1.0 - tinted) * rise)
-    under = weight.copy()
+    under = weight.copy("K")
     under[part] = _leave_under(plain, _layer_albedo(lobes, where, plain, grain))
     return lobes, under
 

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, take_rows
+from raytracer.arrays.rows import any_column, make_zeros, take_rows
 from raytracer.arrays.types import Floats, Indices, Masks
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.bsdf import evaluate_bsdf, evaluate_diffuse, evaluate_lobes, includes_diffuse
@@ -95,9 +95,9 @@ def _aim(points: ShadingPoints, light: LightSamples, rows: Indices, lifts: bool)
     lifts : False for rays that take the place of reflected ones, which start on the surface
     """
     surface = points.surface.select(rows)
-    direction, reach, target = light.direction.take(rows, axis=0), light.distance.take(rows), None
+    direction, reach, target = take_rows(light.direction, rows), light.distance.take(rows), None
     if light.target is not None and light.reach is not None:
-        target, reach = light.target.take(rows, axis=0), light.reach.take(rows)
+        target, reach = take_rows(light.target, rows), light.reach.take(rows)
     if points.lift is None or not lifts:
         return depart(surface, direction, reach, target)
     shading = points.shading
@@ -109,7 +109,7 @@ def _aim(points: ShadingPoints, light: LightSamples, rows: Indices, lifts: bool)
         way = direction[lifted.rows[near]] * reach[lifted.rows[near], np.newaxis] - lifted.offset[near]
         reach[lifted.rows[near]] = length(way)
         direction[lifted.rows[near]] = normalize(way)
-    position = surface.position.copy()
+    position = surface.position.copy("K")
     position[lifted.rows] += lifted.offset
     return depart(dataclasses.replace(surface, position=position), direction, reach, target)
 
@@ -124,7 +124,7 @@ def reflect_seen(
     """Return what `reflect_light` does where `seen_by` may differ from point to point, (n,)."""
     if isinstance(seen_by, int):
         return reflect_light(shading, probabilities, light, seen_by, part)
-    value = np.zeros((len(shading), 3))
+    value = make_zeros(len(shading))
     for mask in np.unique(seen_by):
         rows = seen_by == mask
         value[rows] = reflect_light(shading, probabilities, light, int(mask), part)[rows]
@@ -150,7 +150,7 @@ def reflect_light(
         value, density = evaluate_bsdf(shading, probabilities, light.direction, part)
         value *= power_heuristic(light.density, density)[:, np.newaxis]
     else:
-        value = np.zeros((len(shading), 3)) if part == "glossy" else evaluate_diffuse(shading, light.direction)
+        value = make_zeros(len(shading)) if part == "glossy" else evaluate_diffuse(shading, light.direction)
         if shading.lobes:
             specular, density = evaluate_lobes(shading, probabilities, light.direction, part)
             value += specular * power_heuristic(light.density, density)[:, np.newaxis]

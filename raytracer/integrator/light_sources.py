@@ -31,6 +31,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from raytracer.arrays.rows import scale_vectors, take_rows
 from raytracer.arrays.types import Counts, Integers, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.bsdfs.closures import Shading
@@ -158,7 +159,7 @@ class SampledLight(LightSource):
         """Return samples at a point that sets of pixels share, or at points of their own."""
         shared, position = points.sampler.shared, points.surface.position
         if is_shareable(self.light) and shared is not None:
-            targets = share_points(self.light, shared, points.sampler.dimension).take(shared.key, axis=0)
+            targets = take_rows(share_points(self.light, shared, points.sampler.dimension), shared.key)
             samples = sample_shared(self.light, position, targets, self.weigh)
             found = KeyedSamples(samples, shared.key.astype(np.int32))
             _replace_near(self.light, points, found)
@@ -245,7 +246,7 @@ class SampledWorld(LightSource):
         density = environment_density(self.environment, normal, direction)
         share = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
         path = None if self.environment.program is None else self._describe(points.depths)
-        weight = share[:, np.newaxis] * evaluate_environment(self.environment, direction, path)
+        weight = scale_vectors(evaluate_environment(self.environment, direction, path), share)
         light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
         return KeyedSamples(light, _fill(points, ALONE))
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import take_rows
+from raytracer.arrays.rows import lay_columns, make_zeros, take_rows
 from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Integers, Kinds, Numbers, Vectors
 from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample
@@ -113,12 +113,12 @@ def start_paths(rays: Rays) -> Paths:
     return Paths(
         row=np.arange(count),
         rays=rays,
-        throughput=np.ones((count, 3)),
+        throughput=lay_columns(np.ones((count, 3))),
         kind=np.full(count, STRAIGHT, dtype=np.uint8),
-        bounces=np.zeros((count, len(COUNTED)), dtype=np.int32),
+        bounces=lay_columns(np.zeros((count, len(COUNTED)), dtype=np.int32)),
         passages=np.zeros(count, dtype=np.int32),
-        scatter_origin=rays.origins,
-        scatter_normal=np.zeros((count, 3)),
+        scatter_origin=lay_columns(rays.origins),
+        scatter_normal=make_zeros(count),
         density=np.full(count, np.inf),
         rarest=np.full(count, np.inf),
         scatterer=np.full(count, -1, dtype=np.int32),
@@ -199,7 +199,7 @@ def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     """Return the record of camera rays that have seen nothing."""
     count = len(rays)
     plain = [name for name in settings.passes if not find_pass(name).matte]
-    values = {name: np.full((count, find_pass(name).channels), find_pass(name).miss) for name in plain}
+    values = {name: lay_columns(np.full((count, find_pass(name).channels), find_pass(name).miss)) for name in plain}
     mattes = select_mattes(settings.passes)
     values |= {matte_table(kind): np.zeros((count, 2 * slots)) for kind, slots in mattes.items()}
     unshadowed = np.zeros((count, 3)) if "Shadow" in values else None

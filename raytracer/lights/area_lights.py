@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from raytracer.arrays.rows import all_columns
+from raytracer.arrays.rows import all_columns, join_columns, scale_vectors, take_rows
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.lecture import dot, intersect_plane, length, point_on_line
@@ -71,7 +71,7 @@ def _tangent_excess(angle: float) -> float:
 
 def _area_radiance(light: AreaLight, cosine: Floats) -> Floats:
     """P / (pi A), dimmed by the spread: (n, 3)."""
-    return light.power / (np.pi * area_of(light))[..., np.newaxis] * area_spread_factor(light, cosine)[:, np.newaxis]
+    return scale_vectors(light.power / (np.pi * area_of(light))[..., np.newaxis], area_spread_factor(light, cosine))
 
 
 def _visible_part(light: AreaLight, positions: Floats) -> tuple[Floats, Floats, Floats]:
@@ -83,7 +83,7 @@ def _visible_part(light: AreaLight, positions: Floats) -> tuple[Floats, Floats, 
     half_size = np.stack([length(light.axis_u), length(light.axis_v)], axis=-1) / 2.0
     low, high = np.broadcast_to(-half_size, (len(positions), 2)), np.broadcast_to(half_size, (len(positions), 2))
     if light.spread < np.pi:
-        foot = np.stack([dot(offset, u), dot(offset, v)], axis=1)
+        foot = join_columns(dot(offset, u), dot(offset, v))
         reach = (np.maximum(height, 0.0) * np.tan(light.spread / 2.0))[:, np.newaxis]
         low, high = np.maximum(low, foot - reach), np.minimum(high, foot + reach)
     return low, high, height
@@ -105,7 +105,7 @@ def sample_area(light: AreaLight, positions: Floats, pair: Floats) -> LightSampl
     else:
         local, solid_angle = sample_rectangle(_relative(light, positions), low, high, pair)
         lit &= _is_inside(light, local)
-    way = light.position + local[:, 0:1] * u + local[:, 1:2] * v - positions
+    way = light.position + scale_vectors(u, local[:, 0]) + scale_vectors(v, local[:, 1]) - positions
     direction, distance = normalize(way), length(way)
     cosine = -dot(direction, axis)
     density = np.where(lit, _area_density(light, low, high, distance, cosine, solid_angle), 0.0)
@@ -115,7 +115,7 @@ def sample_area(light: AreaLight, positions: Floats, pair: Floats) -> LightSampl
 def _relative(light: AreaLight, positions: Floats) -> Floats:
     """Return positions in the light's frame (u, v, shining axis), from its centre."""
     offset = positions - light.position
-    return np.stack([dot(offset, axis) for axis in unit_axes(light)], axis=1)
+    return join_columns(*(dot(offset, axis) for axis in unit_axes(light)))
 
 
 def _is_inside(light: AreaLight, local: Floats) -> Booleans:
@@ -145,7 +145,7 @@ def _sample_parallel_area(light: AreaLight, positions: Floats) -> LightSamples:
     """A spread of 0: parallel light along the axis, irradiance P / A where the point lies below the light."""
     u, v, axis = unit_axes(light)
     offset = positions - light.position
-    local = np.stack([dot(offset, u) / length(light.axis_u), dot(offset, v) / length(light.axis_v)], axis=1)
+    local = join_columns(dot(offset, u) / length(light.axis_u), dot(offset, v) / length(light.axis_v))
     inside = (np.abs(local) <= 0.5).all(axis=1) if light.shape == "rectangle" else (local**2).sum(axis=1) <= 0.25
     height = dot(offset, axis)
     irradiance = np.where((inside & (height > 0))[:, np.newaxis], light.power / area_of(light)[..., np.newaxis], 0.0)
@@ -158,13 +158,13 @@ def evaluate_area(light: AreaLight, origins: Floats, directions: Floats) -> Ligh
     low, high, height = _visible_part(light, origins)
     distance = intersect_plane(origins, directions, axis, dot(axis, light.position))
     offset = point_on_line(origins, directions, distance) - light.position
-    local = np.stack([dot(offset, u), dot(offset, v)], axis=1)
+    local = join_columns(dot(offset, u), dot(offset, v))
     hit = (height > 0) & (distance > 0) & all_columns(local >= low) & all_columns(local <= high)
     rows = np.flatnonzero(hit)
-    rows = rows[_is_inside(light, local[rows])]
+    rows = rows[_is_inside(light, take_rows(local, rows))]
     low, high, distance, solid_angle = low[rows], high[rows], distance[rows], None
     if not _is_sampled_by_area(light):
-        solid_angle = rectangle_solid_angle(_relative(light, origins[rows]), low, high)
-    cosine = -dot(directions[rows], axis)
+        solid_angle = rectangle_solid_angle(_relative(light, take_rows(origins, rows)), low, high)
+    cosine = -dot(take_rows(directions, rows), axis)
     density = _area_density(light, low, high, distance, cosine, solid_angle)
     return place_hits(rows, len(origins), distance, _area_radiance(light, cosine), density)

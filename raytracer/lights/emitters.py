@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.arrays.rows import take_rows
+from raytracer.arrays.rows import join_columns, take_rows
 from raytracer.arrays.types import Floats, Integers
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import Kind, world_corners
@@ -142,7 +142,7 @@ class EmitterPoints:
     def select(self, rows: Any) -> EmitterPoints:
         """Return some of the points, also repeatedly: index array."""
         return EmitterPoints(
-            *(getattr(self, name).take(rows, axis=0) for name in ("position", "normal", "error", "density", "radiance"))
+            *(take_rows(getattr(self, name), rows) for name in ("position", "normal", "error", "density", "radiance"))
         )
 
 
@@ -159,7 +159,7 @@ def place_on_triangles(emitters: Emitters, picked: Numbers, pair: Floats) -> Emi
         area = length(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])) / 2.0
         material, density = _find_densities(emitters, instance, primitive, area)
     root = np.sqrt(pair[:, 0])
-    weights = np.stack([root * (1.0 - pair[:, 1]), root * pair[:, 1]], axis=1)
+    weights = join_columns(root * (1.0 - pair[:, 1]), root * pair[:, 1])
     position = interpolate(weights, corners[:, 0], corners[:, 1], corners[:, 2])
     return EmitterPoints(position, normal, error, density, take_rows(emitters.radiance, material))
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, take_rows
+from raytracer.arrays.rows import any_column, join_columns, make_zeros, take_rows
 from raytracer.arrays.types import Booleans, Colors, Floats, Indices, Numbers, Vectors
 from raytracer.arrays.vectors import normalize, to_world
 from raytracer.lecture import dot, intersect_sphere
@@ -74,7 +74,7 @@ def miss_where(missed: Booleans, distance: Floats, radiance: Floats, density: Fl
 
 def place_hits(rows: Indices, count: int, distance: Floats, radiance: Floats, density: Floats) -> LightHits:
     """Return what `count` rays see of a light that only `rows` of them meet."""
-    hits = LightHits(np.full(count, np.inf), np.zeros((count, 3)), np.zeros(count))
+    hits = LightHits(np.full(count, np.inf), make_zeros(count), np.zeros(count))
     hits.distance[rows], hits.radiance[rows], hits.density[rows] = distance, radiance, density
     return hits
 
@@ -86,8 +86,9 @@ def without_extent(direction: Floats, distance: Floats, irradiance: Floats) -> L
 
 def divide_rows(numerator: Floats, denominator: Floats) -> Floats:
     """numerator / denominator by rows, 0 where the denominator is 0 (the point lies on the light itself)."""
-    denominator = denominator.reshape(-1, *(1,) * (numerator.ndim - 1))
-    return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=denominator > 0)
+    quotient = np.zeros(numerator.shape[::-1])
+    np.divide(numerator.T, denominator, out=quotient, where=denominator > 0)
+    return quotient.T
 
 
 def sample_cone(axis: Floats, versine: Floats, pair: Floats) -> Floats:
@@ -95,7 +96,7 @@ def sample_cone(axis: Floats, versine: Floats, pair: Floats) -> Floats:
     height = pair[:, 0] * versine  # 1 - cos of the sample, which keeps its digits in a narrow cone
     sine = np.sqrt(np.maximum(height * (2.0 - height), 0.0))
     angle = 2.0 * np.pi * pair[:, 1]
-    return to_world(np.stack([sine * np.cos(angle), sine * np.sin(angle), 1.0 - height], axis=1), axis)
+    return to_world(join_columns(sine * np.cos(angle), sine * np.sin(angle), 1.0 - height), axis)
 
 
 def cone_density(versine: Floats) -> Floats:
@@ -176,6 +177,6 @@ def sample_rectangle(position: Floats, low: Floats, high: Floats, pair: Floats) 
         height = h0 + pair[:, 1] * (h1 - h0)
         y = np.clip(height * across / np.sqrt(1.0 - height * height), y0, y1)
     even = low + pair * (high - low)
-    curved = position[:, :2] + np.stack([x, y], axis=1)
+    curved = position[:, :2] + join_columns(x, y)
     points = np.where((solid_angle < SMALL_SOLID_ANGLE)[:, np.newaxis], even, np.clip(curved, low, high))
     return points, solid_angle

@@ -20,6 +20,7 @@ import dataclasses
 
 import numpy as np
 
+from raytracer.arrays.rows import join_columns
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize, to_world
 from raytracer.lecture import cross, dot, intersect_plane, length, point_on_line
@@ -122,7 +123,7 @@ def _sample_facing_disk(light: PointLight, positions: Floats, pair: Floats) -> L
     target = np.broadcast_to(light.position, positions.shape)
     if has_radius(light):
         disk = np.asarray(light.radius)[..., np.newaxis] * sample_disk(pair)
-        target = target + to_world(np.pad(disk, ((0, 0), (0, 1))), towards)
+        target = target + to_world(join_columns(*disk.T, np.zeros(len(disk))), towards)
     direction, distance = normalize(target - positions), length(target - positions)
     radiance = _point_radiance(light, direction)
     if not has_radius(light):

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from raytracer.arrays.rows import join_columns, scale_vectors
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.lecture import dot, length
 from raytracer.lights.area_lights import unit_axes
@@ -70,11 +71,11 @@ def share_points(light: Light, samples: SharedSamples, dimension: int) -> Floats
         u, v, _ = unit_axes(light)
         half = np.array([length(light.axis_u), length(light.axis_v)]) / 2.0
         local = half * (sample_disk(pair) if light.shape == "ellipse" else 2.0 * pair - 1.0)
-        return light.position + local[:, 0:1] * u + local[:, 1:2] * v
+        return light.position + scale_vectors(u, local[:, 0]) + scale_vectors(v, local[:, 1])
     disk = sample_disk(pair)
     half_chord = np.sqrt(np.maximum(1.0 - dot(disk, disk), 0.0))
     height = half_chord * np.sin(2.0 * np.pi * samples.uniform(dimension + 1))
-    return light.position + light.radius * np.concatenate([disk, height[:, np.newaxis]], axis=1)
+    return light.position + light.radius * join_columns(*disk.T, height)
 
 
 def is_near(light: Light, positions: Floats) -> Booleans:
@@ -118,6 +119,6 @@ def _sample_shared_area(
 ) -> LightSamples:
     """Radiance P / (pi A) over the density t^2 / (A cos)."""
     cosine = np.maximum(-dot(direction, unit_axes(light)[2]), 0.0)
-    weight = divide_rows(cosine[:, np.newaxis] * light.power / np.pi, distance * distance)
+    weight = divide_rows(scale_vectors(light.power, cosine) / np.pi, distance * distance)
     density = evaluate_light(light, positions, direction).density if weigh else np.where(cosine > 0, np.inf, 0.0)
     return LightSamples(direction, distance, weight, density, points, np.ones(len(points)))

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays.rows import join_columns
 from raytracer.arrays.types import Floats
 
 
@@ -31,7 +32,7 @@ def place_equirectangular(u: Floats, v: Floats) -> Floats:
     longitude, latitude = (0.5 - u) * 2.0 * np.pi, (v - 0.5) * np.pi
     across = np.cos(latitude)
     parts = (across * np.cos(longitude), across * np.sin(longitude), np.sin(latitude))
-    return np.stack(np.broadcast_arrays(*parts), axis=-1)
+    return np.moveaxis(np.stack(np.broadcast_arrays(*parts)), 0, -1)
 
 
 def measure_cells(height: int, width: int) -> Floats:
@@ -78,7 +79,7 @@ def sample_map(grid: DirectionMap, pair: Floats) -> Floats:
     z = low + up * (high - low)  # even over the sphere between the two latitudes
     longitude = (0.5 - (cell - row * width + along) / width) * 2.0 * np.pi
     across = np.sqrt(np.maximum(1.0 - z * z, 0.0))
-    return np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
+    return join_columns(across * np.cos(longitude), across * np.sin(longitude), z)
 
 
 def _invert(cumulative: Floats, at: Floats, first: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], Floats]:

@@ -80,10 +80,10 @@ class SobolSamples:
     def uniform_pair(self, dimension: int) -> Floats:
         """Return (n, 2) float64 in [0, 1) x [0, 1)."""
         key, index = self._shuffle_index(dimension)
-        pair = np.empty((len(self), 2))
-        np.multiply(_second_coordinate(index.copy(), key), UNIT_PER_WORD, out=pair[:, 1])
-        np.multiply(_first_coordinate(index, key), UNIT_PER_WORD, out=pair[:, 0])
-        return pair
+        pair = np.empty((2, len(self)))
+        np.multiply(_second_coordinate(index.copy(), key), UNIT_PER_WORD, out=pair[1])
+        np.multiply(_first_coordinate(index, key), UNIT_PER_WORD, out=pair[0])
+        return pair.T
 
     def _shuffle_index(self, dimension: int) -> tuple[Words, Words]:
         """Return each pixel's key (n,) and its shuffled sample index (n,), a nested uniform shuffle of `sample`."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raytracer.arrays.rows import sum_columns
+from raytracer.arrays.rows import join_columns, sum_columns
 from raytracer.arrays.types import Floats
 
 
@@ -35,7 +35,7 @@ def sample_disk(pair: Floats) -> Floats:
     # The centre itself has radius 0, where any angle will do.
     angle = np.pi / 4 * np.divide(other, radius, out=np.zeros_like(radius), where=radius != 0)
     along, across = radius * np.cos(angle), radius * np.sin(angle)
-    return np.stack([np.where(flat, along, across), np.where(flat, across, along)], axis=1)
+    return join_columns(np.where(flat, along, across), np.where(flat, across, along))
 
 
 def sample_cosine_hemisphere(pair: Floats) -> Floats:
@@ -51,7 +51,7 @@ def sample_cosine_hemisphere(pair: Floats) -> Floats:
     """
     disk = sample_disk(pair)
     height = np.sqrt(np.maximum(0.0, 1.0 - sum_columns(disk * disk)))
-    return np.concatenate([disk, height[:, np.newaxis]], axis=1)
+    return join_columns(*disk.T, height)
 
 
 def power_heuristic(density: Floats, other: Floats) -> Floats:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, mean_column
+from raytracer.arrays.rows import any_column, lay_columns, make_zeros, mean_column, repeat_column, take_rows
 from raytracer.arrays.types import Booleans, Floats, Integers
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.closure_nodes import SCATTERING
@@ -95,7 +95,7 @@ def make_material_table(scene: Scene, sites: SiteTables | None = None) -> Materi
 def _sum_colors(kept: list[list[Closure]], part: Callable[[str, Closures], Floats]) -> Floats:
     """Return (materials, 3) the sums of one part of the closures' light."""
     sums = [[part(item.kind, pack_closures([item])).sum(axis=0) for item in items] for items in kept]
-    return np.array([sum(values, start=np.zeros(3)) for values in sums])
+    return lay_columns(np.array([sum(values, start=np.zeros(3)) for values in sums]))
 
 
 def _radiance_of(kind: str, closures: Closures) -> Floats:
@@ -110,13 +110,13 @@ def _transparency_of(kind: str, closures: Closures) -> Floats:
     """(k, 3) the share of light that closures of one kind let straight through."""
     weight = closures.weight[:, np.newaxis]
     if kind == "principled":
-        return np.repeat(weight * (1.0 - closures.alpha[:, np.newaxis]), 3, axis=1)
+        return repeat_column(closures.weight * (1.0 - closures.alpha))
     return weight * closures.color if kind == "transparent" else np.zeros_like(closures.color)
 
 
 def _holdout_of(kind: str, closures: Closures) -> Floats:
     """(k, 3) the share of the surface that closures of one kind make a hole of."""
-    weight = np.repeat(closures.weight[:, np.newaxis], 3, axis=1)
+    weight = repeat_column(closures.weight)
     return weight if kind == "holdout" else 0.0 * weight
 
 
@@ -140,7 +140,7 @@ def _sum_parts(
     known: Columns | None = None,
 ) -> Floats:
     """Return one part of the light (n, 3) of n points: `constant` by material, or summed where programs compute it."""
-    total = constant[surface.material]
+    total = take_rows(constant, surface.material)
     if table.computed is None:
         return total
     rows = np.flatnonzero(any_column(np.isnan(total)))
@@ -197,7 +197,7 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
         outgoing=surface.outgoing,
         radiance=_sum_parts(table, None, surface, path, table.radiance, _radiance_of, columns),
         transparency=_sum_parts(table, None, surface, path, table.transparency, _transparency_of, columns),
-        diffuse=np.zeros((len(surface), 3)),
+        diffuse=make_zeros(len(surface)),
         lobes=(),
         holdout=None
         if table.holdout is None

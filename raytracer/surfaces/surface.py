@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column
+from raytracer.arrays.rows import any_column, lay_columns, make_zeros, take_rows
 from raytracer.arrays.types import Booleans, Floats, Integers, Numbers, Pairs, Vectors
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import Kind, join_id
@@ -54,7 +54,7 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
         position, error, normal, shading = _triangle_surface(tables, hits)
     else:
         position, error, normal, shading = _mixed_surface(tables, rays, hits, is_triangle)
-    outgoing = -normalize(rays.directions)
+    outgoing = -normalize(lay_columns(rays.directions))
     layer = _find_tied_layers(tables, hits)
     material = tables.material[
         tables.material_first[hits.instance] + tables.material_step[hits.instance] * hits.primitive
@@ -105,7 +105,7 @@ def _mixed_surface(
     tables: SurfaceTables, rays: Rays, hits: Hits, is_triangle: NDArray[np.bool_]
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return what `_triangle_surface` does where some of the hits, or all, are spheres."""
-    position, normal, shading = (np.empty((len(hits), 3)) for _ in range(3))
+    position, normal, shading = (make_zeros(len(hits)) for _ in range(3))
     error = np.empty(len(hits))
     flat, round_ = np.flatnonzero(is_triangle), np.flatnonzero(~is_triangle)
     if len(flat):
@@ -136,7 +136,7 @@ def _sphere_points(
     """
     geometry = tables.geometry
     sphere = geometry.find_rows(join_id(geometry, hits.instance[rows], hits.primitive[rows]), Kind.SPHERE)
-    centre, radius = geometry.centres[sphere], geometry.radii[sphere]
+    centre, radius = lay_columns(geometry.centres[sphere]), geometry.radii[sphere]
     normal = normalize(at - centre)
     position = centre + radius[:, np.newaxis] * normal
     error = INTERPOLATION_ERROR * (length(centre) + radius) + CASTER_ERROR * radius
@@ -154,12 +154,12 @@ def _interpolate_normals(
         return geometric
     mesh = tables.geometry.instance_mesh[instance]
     smooth = np.flatnonzero(tables.normals.first[mesh] >= 0)
-    local = gather_corners(tables.normals, mesh[smooth], primitive[smooth], weights[smooth])
+    local = gather_corners(tables.normals, mesh[smooth], primitive[smooth], take_rows(weights, smooth))
     matrices = tables.normal_from_object[instance[smooth]]  # (k, 3, 3)
     world = normalize(dot(matrices, normalize(local)[:, np.newaxis, :]))
     world = np.where(tables.mirrored[instance[smooth], np.newaxis], -world, world)
     usable = any_column(world != 0)
-    shading = geometric.copy()
+    shading = geometric.copy("K")
     shading[smooth[usable]] = world[usable]
     return shading
 
@@ -247,12 +247,12 @@ def depart(surface: Surface, direction: Floats, reach: Floats | float = np.inf, 
     origins, departure = spawn_origin(surface, direction), None
     rows = np.zeros(0, np.intp) if surface.layer is None else np.flatnonzero(surface.layer)
     if len(rows):
-        origins[rows] = _start_behind(surface.select(rows), direction.take(rows, axis=0))
+        origins[rows] = _start_behind(surface.select(rows), take_rows(direction, rows))
     if target is not None:
         direction = target - origins
     if len(rows):
         departure = no_departure(len(surface))
-        own = _describe_departure(surface.select(rows), origins.take(rows, axis=0), direction.take(rows, axis=0))
+        own = _describe_departure(surface.select(rows), take_rows(origins, rows), take_rows(direction, rows))
         departure.key[rows], departure.approach[rows], departure.reach[rows] = own.key, own.approach, own.reach
     return Rays(origins, direction, np.zeros(len(surface)), np.broadcast_to(reach, len(surface)) + 0.0, None, departure)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays.rows import lay_columns
 from raytracer.arrays.types import Floats, Integers
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import Geometry, split_id, world_corners
@@ -57,7 +58,8 @@ class Triangles:
 
     def select(self, rows: NDArray[np.int64]) -> Triangles:
         """Return some of the triangles: index array."""
-        return Triangles(*(values.take(rows, axis=0) for values in (self.a, self.b, self.c, self.normal, self.error)))
+        a, b, c, normal = (lay_columns(values.take(rows, axis=0)) for values in (self.a, self.b, self.c, self.normal))
+        return Triangles(a, b, c, normal, self.error.take(rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,5 +186,5 @@ def interpolate(weights: Floats, a: Floats, b: Floats, c: Floats) -> Floats:
 
 def gather_corners(table: CornerTable, mesh: Integers, primitive: Integers, weights: Floats) -> Floats:
     """Interpolate a corner table at n points, (n, width)."""
-    corners = table.values[table.rows[table.first[mesh] + primitive]]  # (n, 3 corners, width)
-    return interpolate(weights, corners[:, 0], corners[:, 1], corners[:, 2])
+    rows = table.rows.take(table.first[mesh] + primitive, axis=0)  # (n, 3 corners)
+    return interpolate(weights, *(lay_columns(table.values.take(corner, axis=0)) for corner in rows.T))
