@@ -52,10 +52,12 @@ def take_rows(values: NDArray[Any], rows: Any) -> NDArray[Any]:
         return values[rows]
     rows = np.asarray(rows)
     rows = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
-    # Either way the table is contiguous, which `take` would copy otherwise.
-    return (
-        values.T.take(rows, axis=1).T if values.ndim == 2 and values.flags.f_contiguous else values.take(rows, axis=0)
-    )
+    # A table that is not contiguous `take` would copy.
+    if values.ndim == 2 and values.flags.f_contiguous:
+        return values.T.take(rows, axis=1).T
+    if values.ndim == 2 and values.strides[0] == values.itemsize:  # a slice of columns
+        return np.stack([column.take(rows) for column in values.T]).T
+    return values.take(rows, axis=0)
 
 
 def any_column(mask: Booleans) -> Booleans:
