@@ -6,7 +6,7 @@ and what is certain about them go to `planes`, which decides.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,10 @@ from raytracer.casting.dense.packets import LANE_BLOCK, LANES, cross_triangles, 
 from raytracer.casting.dense.tree import Blocks, DenseTree
 from raytracer.casting.planes import PlaneDecisions
 
+# Large triangles tested before rays that they stop are left out.
+LARGE_ROUND = 12
+# Rays that go everywhere at once.
+FEW_RAYS = 1024
 Levels = list[NDArray[np.float32]]
 # Has candidates decided: rays, rows of planes, whether certainly inside.
 Decide = Callable[[Indices, Indices, Booleans], None]
@@ -32,15 +36,17 @@ class Descent:
     def __init__(self, levels: Levels, rays: DenseRays, best: NDArray[np.float32]) -> None:
         self.levels, self.rays, self.best = levels, rays, best
 
-    def enter_root(self) -> Pairs:
-        """Pairs of rays and the root's children that they enter."""
-        parts = []
-        count = len(self.best)
+    def enter_root(self, alive: Indices | None = None) -> Pairs:
+        """Pairs of rays, all or those `alive`, and the root's children that they enter."""
+        parts = [Pairs(np.zeros(0, np.int32), np.zeros(0, np.uint16), np.zeros(0, np.float32))]
+        count = len(self.best) if alive is None else len(alive)
         for start in range(0, count, LANE_BLOCK):
-            slabs = in_packets(self.rays.slabs[start : min(start + LANE_BLOCK, count)])
+            part = slice(start, min(start + LANE_BLOCK, count))
+            slabs = in_packets(self.rays.slabs[part] if alive is None else self.rays.slabs.take(alive[part], axis=0))
             index, entry = enter_boxes(self.levels[0], slabs)
             child, ray = split_index(index, self.levels[0].shape[2] // 2, slabs.shape[1])
-            parts.append(Pairs((ray + start).astype(np.int32), child.astype(np.uint16), entry))
+            ray = ray + start if alive is None else alive[part].take(ray)
+            parts.append(Pairs(ray.astype(np.int32), child.astype(np.uint16), entry))
         return Pairs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def drop_passed(self, pairs: Pairs) -> Pairs:
@@ -83,9 +89,14 @@ class Walk(Descent):
     def __init__(self, tree: Blocks, rays: DenseRays, best: NDArray[np.float32], any_hit: bool, decide: Decide) -> None:
         super().__init__(tree.levels, rays, best)
         self.tree, self.any_hit, self.decide = tree, any_hit, decide
+        # What comes first saves less than what two walks cost.
+        self.few = len(best) <= FEW_RAYS
 
     def run(self, children: Pairs) -> None:
         """Have every triangle decided that rays may hit below children of the root that they enter."""
+        if self.few:
+            self._descend(children)
+            return
         first, others = split_nearest(self.drop_passed(children), None, len(self.best))
         self._descend(first)
         self._descend(self.drop_passed(others))
@@ -94,7 +105,7 @@ class Walk(Descent):
         """Go from the root's children to the triangles below."""
         later = []
         for depth in range(1, len(self.levels)):
-            orders = self.any_hit and depth == len(self.levels) - 1
+            orders = self.any_hit and not self.few and depth == len(self.levels) - 1
             pairs, others = self.open_nodes(depth, pairs, orders)
             later.append(others)
         self._open_blocks(pairs)
@@ -129,23 +140,40 @@ def walk_world(tree: DenseTree, rays: DenseRays, best: NDArray[np.float32], deci
         changed = decisions.take_in(ray, triangle, inside)
         best[changed] = to_bounds(decisions.best.take(changed), rays.way.take(changed))
 
-    _test_large(tree, rays, len(best), decide)
     walk = Walk(tree, rays, best, decisions.query.any_hit, decide)
-    walk.run(walk.enter_root())
+    walk.run(walk.enter_root(_test_large(tree, walk)))
 
 
-def _test_large(tree: DenseTree, rays: DenseRays, count: int, decide: Decide) -> None:
-    """Test all rays with the triangles that are in no block."""
-    size, found = len(tree.large), []
-    for start in range(0, count if size else 0, LANE_BLOCK):
-        lines = in_packets(rays.lines[start : min(start + LANE_BLOCK, count)])
-        index, inside = cross_triangles(tree.large_edges, lines)
-        slot, ray = split_index(index, size, lines.shape[1])
-        ray += start
-        found.append((ray, slot, inside))
-    if found:
+def _test_large(tree: DenseTree, walk: Walk) -> Indices | None:
+    """Test all rays with the triangles that are in no block; return the rays that are not decided by that, or None
+    where all may be left."""
+    alive, rounds = None, LARGE_ROUND if walk.any_hit else max(1, len(tree.large))
+    for start in range(0, len(tree.large), rounds):
+        part = slice(start, start + rounds)
+        # The edges opposite corners a of all triangles come first, then b, then c.
+        edges = tree.large_edges.reshape(3, len(tree.large), -1)[:, part].reshape(1, -1, tree.large_edges.shape[2])
+        found = list(_cross_large(edges, walk.rays.lines, len(walk.best), alive))
         ray, slot, inside = (np.concatenate(column) for column in zip(*found, strict=True))
-        decide(ray, tree.large.take(slot), inside)
+        walk.decide(ray, tree.large[part].take(slot), inside)
+        if walk.any_hit:
+            alive = np.flatnonzero(walk.best > -np.inf)
+            if not len(alive):
+                break
+    return alive
+
+
+def _cross_large(
+    edges: NDArray[np.float32], rows: NDArray[np.float32], count: int, alive: Indices | None
+) -> Iterator[tuple[Indices, Indices, Booleans]]:
+    """Yield rays, triangles by slot and whether they certainly meet, of rays that are `alive` or of all."""
+    count = count if alive is None else len(alive)
+    size = edges.shape[1] // 3
+    for start in range(0, max(count, 1), LANE_BLOCK):
+        part = slice(start, min(start + LANE_BLOCK, count))
+        lines = in_packets(rows[part] if alive is None else rows.take(alive[part], axis=0))
+        index, inside = cross_triangles(edges, lines)
+        slot, ray = split_index(index, size, lines.shape[1])
+        yield ray + start if alive is None else alive[part].take(ray), slot, inside
 
 
 def in_packets(rows: NDArray[np.float32]) -> NDArray[np.float32]:

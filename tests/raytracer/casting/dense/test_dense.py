@@ -15,7 +15,9 @@ from raytracer.casting.bvh.hierarchy import build_hierarchy
 from raytracer.casting.bvh.traverse import offer_traversed
 from raytracer.casting.dense import offer as dense_offer
 from raytracer.casting.dense import tree as dense_tree
+from raytracer.casting.dense import walk as dense_walk
 from raytracer.casting.dense.offer import DenseOffer
+from raytracer.casting.dense.walk import FEW_RAYS, LARGE_ROUND
 from tests import meshes
 from tests.oracle.judging import assert_same_hits, build_with
 
@@ -29,6 +31,11 @@ def assert_all_agree(mesh, origins, directions, t_min=0.0, t_max=np.inf):
     hits = dense.closest_hit(origins, directions, t_min, t_max)
     assert_same_hits(hits, other.closest_hit(origins, directions, t_min, t_max))
     np.testing.assert_array_equal(dense.any_hit(origins, directions, t_min, t_max), hits.hit)
+    if len(hits) <= FEW_RAYS:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(dense_walk, "FEW_RAYS", 0)
+            assert_same_hits(hits, dense.closest_hit(origins, directions, t_min, t_max))
+            np.testing.assert_array_equal(dense.any_hit(origins, directions, t_min, t_max), hits.hit)
     some = np.arange(min(len(hits), 300))
     pick = (np.broadcast_to(values, (len(hits), *np.shape(values)[1:]))[some] for values in (t_min, t_max))
     everything = replace(other, offer=offer_all)
@@ -216,8 +223,9 @@ def _counting(opened):
 
 
 def test_dense_tree_is_built_by_the_first_large_batch(rng, monkeypatch):
-    """Scenes with only pencils, crossings or a few rays do not pay for it."""
+    """Scenes of many triangles with only pencils, crossings or a few rays do not pay for it."""
     monkeypatch.setattr(dense_offer, "SMALLEST_BATCH", 50)
+    monkeypatch.setattr(dense_offer, "FEW_TRIANGLES", 0)
     caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*meshes.make_torus())]))
     assert isinstance(caster.offer, DenseOffer)
     assert caster.offer.other.latest is None
@@ -228,6 +236,31 @@ def test_dense_tree_is_built_by_the_first_large_batch(rng, monkeypatch):
     many = caster.closest_hit(origins, directions)
     assert caster.offer.built is not None
     assert_same_hits(many.select(slice(0, 49)), few)
+
+
+def test_few_triangles_are_in_a_dense_tree_whatever_the_batch():
+    """It is built as quickly as the other, and quicker for one ray as well."""
+    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*meshes.make_torus())]))
+    caster.closest_hit((3.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    assert caster.offer.built is not None
+    assert caster.offer.other.latest is None
+
+
+def test_rays_that_large_triangles_stop_go_no_further(rng, monkeypatch):
+    """Any hit: each wall behind the first few is tested with what is left, and the tree is entered by no ray."""
+    walls = np.concatenate([[(-9, -9, z), (9, -9, z), (0, 9, z)] for z in np.linspace(1, 2, 20)])
+    crumbs = rng.uniform((-0.01, -0.01, 2.99), (0.01, 0.01, 3.01), (900, 3))
+    triangles = np.arange(len(walls) + len(crumbs)).reshape(-1, 3)
+    tested, original = [], dense_walk.cross_triangles
+    monkeypatch.setattr(dense_walk, "cross_triangles", lambda *args: tested.append(args[0].shape) or original(*args))
+    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(np.concatenate([walls, crumbs]), triangles)]))
+    origins = rng.uniform(-0.1, 0.1, (100, 3))
+    assert caster.any_hit(origins, (0, 0, 1)).all()
+    assert len(caster.offer.built.tree.large) == 20
+    assert [shape[1] // 3 for shape in tested] == [LARGE_ROUND]
+    tested.clear()
+    blocked = caster.any_hit(origins, (0, 0, 1), 0.0, 1.5)
+    np.testing.assert_array_equal(blocked, caster.closest_hit(origins, (0, 0, 1), 0.0, 1.5).hit)
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
