@@ -62,6 +62,8 @@ class MovingTracer:
         self._sampled = _select(settings, from_centre=False)
         self._centred = _select(settings, from_centre=True)
         self._moments: dict[float, BlockTracer] = {}
+        # Trees of later moments take the blocks of the first, which its rays have had built.
+        self._like: Caster | None = None
         self._most = max(1, KEPT_PRIMITIVES // max(1, primitives))
         # Of the middle of the time, whichever comes first: workers begin with different ones.
         self._background: Environment | None = None
@@ -119,7 +121,8 @@ class MovingTracer:
     def _make_tracer(self, settings: Settings, moment: float) -> BlockTracer:
         scene, caster = find_moment(self._scene, moment), self._caster
         if moves_geometry(self._motion):
-            caster = build(scene, caster.primitives.precision, last=caster)
+            caster = build(scene, caster.primitives.precision, last=self._like or caster)
+            self._like = self._like or caster
         assert scene.camera is not None
         window = replace(self._window, camera=scene.camera)
         return BlockTracer(scene, caster, window, settings, self._is_cancelled, self._background)

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer.casting.dense import tree as dense_tree
 from raytracer.film.shutter import sample_times
 from raytracer.lights import environment
 from raytracer.rendering.render import render
 from raytracer.scene.moments import find_moment
 from raytracer.scene.programs import Program, Register, Step
+from tests import meshes
 from tests.forbidding import forbid
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
 
@@ -246,6 +248,16 @@ def test_bits_depend_on_no_block_tile_worker_or_pause(tmp_path):
     assert all(np.array_equal(array, merged.arrays[name]) for name, array in whole.arrays.items())
     raytracer.save(scene, tmp_path / "scene.npz")
     assert same(whole, render(raytracer.load(tmp_path / "scene.npz"), *size, 4, **settings))
+
+
+def test_moments_share_the_blocks_of_their_trees(monkeypatch):
+    """They are chosen for the first, and bounded anew for each."""
+    made, choose = [], dense_tree.choose_blocks
+    monkeypatch.setattr(dense_tree, "choose_blocks", lambda *args: made.append(len(args[1])) or choose(*args))
+    mesh = raytracer.Mesh(*meshes.make_torus())
+    scene = make_scene(mesh, move((-1, 0, 0), (0, 0, 0), (1, 0, 0)), look(scale=4))
+    assert show(scene, 3).max() > 0
+    assert made == [len(mesh.triangles)]
 
 
 def test_depth_is_that_of_the_middle_of_the_time():
