@@ -19,6 +19,13 @@ interval wider.
 What no sample has met, nothing can tell. The interval's upper end allows for one more pixel as noisy as the noisiest;
 and where a few pixels hold most of the noise, others like them may have been missed, which is said beside the number.
 
+Few pixels are not always told by d^2. Where the two means of a pixel have met a bright light equally often, d is 0.
+How the samples of a pixel scatter around their mean does not forget that they are few: s^2 / n, of n samples of the
+variance s^2, is the squared error that they would have were they independent, and more than what sequences have. So
+the pixels that hold most of it count as well; and where they are few, the interval reaches as far as its sum says.
+
+Of light that samples might have met and have not (`unmet`) an error is added at the interval's upper end.
+
 References
 ----------
 F. E. Satterthwaite, "An Approximate Distribution of Estimates of Variance Components", 1946.
@@ -33,6 +40,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from raytracer.arrays.types import Counts, Floats
+from raytracer.film.unmet import find_unmet
 
 # The confidence of intervals, 95%, as a two-sided quantile of the normal distribution.
 QUANTILE = 1.959964
@@ -56,6 +64,7 @@ class PictureError:
     error_p99 : the same of the pixels without the noisiest 1%
     few : number of pixels that hold 90% of the noise (of the mean square error), 0 where they are more than FEW
     worst : (x, y) of the noisiest pixel, counted from the lower left corner
+    is_unmet : True where light that no sample has met can be most of the error
     is_one_draw : True where all pixels take the same points of lights, and can all be wrong together
     """
 
@@ -64,18 +73,22 @@ class PictureError:
     error_p99: float = np.inf
     few: int = 0
     worst: tuple[int, int] = (0, 0)
+    is_unmet: bool = False
     is_one_draw: bool = False
 
     @property
     def note(self) -> str:
-        """A sentence where the estimate rests on few pixels, or on one draw of lights' points, else nothing."""
+        """Words where the estimate rests on few pixels or one draw of lights' points, or lacks light; or nothing."""
         if self.is_one_draw:
             return "all pixels take the same points of lights (interleaving 1): the error has no upper bound"
-        if not self.few:
-            return ""
-        held = "1 pixel holds" if self.few == 1 else f"{self.few} pixels hold"
-        x, y = self.worst
-        return f"{held} {MOST_NOISE:.0%} of the noise, the worst at ({x}, {y}): the error can be underestimated"
+        reasons = []
+        if self.few:
+            held = "1 pixel holds" if self.few == 1 else f"{self.few} pixels hold"
+            x, y = self.worst
+            reasons.append(f"{held} {MOST_NOISE:.0%} of the noise, the worst at ({x}, {y})")
+        if self.is_unmet:
+            reasons.append("no reflection has met the brightest light yet")
+        return f"{', and '.join(reasons)}: the error can be underestimated" if reasons else ""
 
 
 def format_error(error: float) -> str:
@@ -125,7 +138,42 @@ def weigh_difference(first: Counts, second: Counts, even: bool = False) -> Float
     return np.where(known, share * (1.0 - share), np.inf)
 
 
-def measure_error(squares: Floats, level: float, width: int, interleaving: int = 0) -> PictureError:
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """How the samples of a picture scatter within its pixels.
+
+    squares : (pixels,) float64, s^2 / n of each pixel, what the square of its error would be, were its samples
+        independent
+    unmet : what a pixel may lack of light that no sample has met
+    """
+
+    squares: Floats
+    unmet: float = 0.0
+
+
+def measure_scatter(sums: Floats, square_sums: Floats, counts: Counts, near_misses: tuple[int, ...] = ()) -> Scatter:
+    """Return how samples scatter.
+
+    Parameters
+    ----------
+    sums, square_sums : (pixels,) float64, of a pixel's samples, each the mean of its channels, and of their squares
+    counts : (pixels, 2), numbers of samples of both replications
+    near_misses : of `count_near_misses`
+    """
+    first, second = np.maximum(counts, 1).T.astype(np.float64)
+    count = first + second
+    deviations = square_sums - sums * sums / count
+    # What is left of a constant is rounding: of two sums of so many numbers, one of them squared.
+    rounding = 3.0 * count * np.finfo(np.float64).eps * square_sums
+    deviations = np.where(deviations > rounding, deviations, 0.0)
+    squares = deviations / np.maximum(count - 1.0, 1.0) * (1.0 / first + 1.0 / second) / 4.0
+    unmet = find_unmet(near_misses, float(np.sqrt(deviations.max())))
+    return Scatter(squares, unmet / float(count.min()))
+
+
+def measure_error(
+    squares: Floats, level: float, width: int, interleaving: int = 0, scatter: Scatter | None = None
+) -> PictureError:
     """Return how wrong a picture is.
 
     Parameters
@@ -135,27 +183,52 @@ def measure_error(squares: Floats, level: float, width: int, interleaving: int =
     width : pixels of a row
     interleaving : side of the squares of pixels that take different points of lights (`lights.shared_points`), or times
         (`film.shutter`); 0 where each has its own
+    scatter : None where it is not known
     """
     total = float(squares.sum())
     if not np.isfinite(total + level):
         return PictureError()
     error = relate(total / squares.size, level)
-    if total == 0 or error == np.inf:
+    if error == np.inf:
         return PictureError(error, (error, error), error)
-    row, column = divmod(int(squares.argmax()), width)
+    scatter = scatter or Scatter(np.zeros(squares.size))
+    unmet = scatter.unmet**2
+    low, high = find_interval(squares, error, width, interleaving)
+    few, worst = find_few(squares, scatter.squares)
+    if few:
+        high = max(high, relate(float(scatter.squares.mean()), level))
+    row, column = divmod(worst, width)
     quiet = squares.size - max(1, round(NOISIEST * squares.size))
-    ordered = np.partition(squares, [quiet, max(squares.size - FEW, 0)])
-    scaled = squares / squares.max()  # whose squares do not underflow
-    freedom = count_freedom(scaled, width, interleaving)
-    missed = (1.0 + 1.0 / scaled.sum()) ** 0.5 * spread_ratio(count_freedom(scaled, width, interleaving, missed=1.0))
     return PictureError(
         error,
-        (error / spread_ratio(freedom), error * missed),
-        relate(float(ordered[:quiet].mean()) if quiet else 0.0, level),
-        count_holders(ordered[-FEW:], total),
+        (low, float(np.hypot(high, relate(unmet / squares.size, level)))),
+        relate(float(np.partition(squares, quiet)[:quiet].mean()) if quiet else 0.0, level),
+        few,
         (column, row),
-        is_one_draw=interleaving == 1,
+        is_unmet=unmet > total,
+        is_one_draw=interleaving == 1 and total > 0,
     )
+
+
+def find_interval(squares: Floats, error: float, width: int, interleaving: int) -> tuple[float, float]:
+    """Return (low, high), by what samples have met: parameters as `measure_error`."""
+    if error == 0:
+        return 0.0, 0.0
+    scaled = squares / squares.max()  # whose squares do not underflow
+    low = error / spread_ratio(count_freedom(scaled, width, interleaving))
+    missed = count_freedom(scaled, width, interleaving, missed=1.0)
+    return low, error * ((1.0 + 1.0 / scaled.sum()) ** 0.5 * spread_ratio(missed))
+
+
+def find_few(squares: Floats, scattered: Floats) -> tuple[int, int]:
+    """Return how many pixels hold MOST_NOISE, by either estimate (pixels,), the fewer of both, 0 where those are more
+    than FEW; and which one has most of it."""
+    found = []
+    for estimate in (squares, scattered):
+        total = float(estimate.sum())
+        noisiest = np.partition(estimate, max(estimate.size - FEW, 0))[-FEW:]
+        found.append((count_holders(noisiest, total) if 0 < total < np.inf else 0, int(estimate.argmax())))
+    return min(filter(lambda one: one[0], found), default=found[0])
 
 
 def relate(square: float, level: float) -> float:

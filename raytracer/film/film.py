@@ -6,7 +6,7 @@ Depth, Position, Vector and the indices come from the one ray through the pixel'
 lies on neither.
 
 Combined is also summed for every replication of the samples (`sampling.sobol`) by itself, which is what its error is
-told from (`error`): 8 bytes for each pixel and channel.
+told from (`error`), and so are the squares of its samples: together 8 bytes for each pixel and channel.
 """
 
 from __future__ import annotations
@@ -18,10 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays.rows import mean_column
 from raytracer.arrays.types import Floats, Indices
 from raytracer.film.error import (
     PictureError,
+    Scatter,
     measure_error,
+    measure_scatter,
     share_with_neighbors,
     square_errors,
     weigh_difference,
@@ -31,6 +34,7 @@ from raytracer.film.on_demand import PassesOnDemand
 from raytracer.film.passes import (
     CAUGHT,
     LENGTH,
+    NEAR_MISS,
     find_pass,
     matte_pass,
     matte_table,
@@ -39,9 +43,12 @@ from raytracer.film.passes import (
 )
 from raytracer.film.picture_key import PictureKey
 from raytracer.film.shown import divide_by_color, find_shadows, show_shadows
+from raytracer.film.unmet import add_near_misses, count_near_misses
 
 # In `Film.arrays`, what is after the name of a pass whose sum is that of the second replication alone.
 SECOND = ", second replication"
+# The sum of the squares of Combined's samples, each the mean of its colors.
+SQUARES = "Squares"
 # What tells how the samples of both replications of an adaptive film's pilot scatter: the sums of the mean of their
 # channels, of its square, and of their paths' lengths.
 PILOT = "Pilot"
@@ -54,6 +61,13 @@ PART = 1 << 16
 LARGEST = np.finfo(np.float32).max
 # What `arrays` calls the number of samples of each pixel.
 COUNTS = "Sample Count"
+
+
+def square_means(values: Floats) -> Floats:
+    """Return the squares (n, 1) of the means of the colors of samples (n, channels)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = mean_column(values[:, :3])
+        return (mean * mean)[:, np.newaxis]
 
 
 @dataclass
@@ -84,6 +98,7 @@ class Film:
     catches : True where Combined is completed by what shadow catchers show
     interleaving : side of the squares of pixels that take different points of lights, 0 where none are shared
     time_side : side of the squares of pixels that take different times, 0 where nothing moves
+    near_misses : how many samples would have seen how much of light that their paths came near to (`unmet`)
     pilot : where samples are adaptive, the sweeps that are even, from which the others follow; 0 where all are
     ahead : pixels, the first ones, that have samples of the next sweeps already, `ahead_samples` each
     total : the samples that the picture is to have
@@ -115,6 +130,7 @@ class Film:
     catches: bool = False
     interleaving: int = 0
     time_side: int = 0
+    near_misses: tuple[int, ...] = ()
     pilot: int = 0
     ahead: int = 0
     total: int = 0
@@ -135,7 +151,9 @@ class Film:
         self._seconds = tuple(name for name in self._means if self.pilot or name in ("Combined", CAUGHT))
         stored = (*self._means, *select_passes(self.names, from_centre=True))
         self.arrays = {name: np.zeros((pixels, find_pass(name).channels)) for name in stored}
-        self.arrays |= {name + SECOND: np.zeros_like(self.arrays[name]) for name in self._seconds}
+        self.arrays |= {name + SECOND: np.zeros((pixels, self._count_seconds(name))) for name in self._seconds}
+        if "Combined" in self._means:
+            self.arrays[SQUARES] = np.zeros((pixels, 1))
         self._mattes = select_mattes(self.names)
         self.arrays |= {matte_table(kind): np.zeros((pixels, 2 * slots)) for kind, slots in self._mattes.items()}
         self.arrays["Sample Count"] = np.zeros((pixels, 2), dtype=np.int32)
@@ -146,6 +164,11 @@ class Film:
     def ahead_samples(self) -> int:
         """How many samples those pixels that are ahead of the others have more than these."""
         return int(self.arrays[COUNTS][0].sum()) - self.samples if self.ahead and not self.pilot else 1
+
+    def _count_seconds(self, name: str) -> int:
+        """Return how many channels are summed by replication: alpha has an error that nobody asks for."""
+        is_shown = self.pilot or self.catches
+        return find_pass(name).channels if is_shown or name != "Combined" else 3
 
     def add(
         self, pixels: slice | Indices, values: Mapping[str, Floats], replication: int, repeated: bool = False
@@ -159,10 +182,15 @@ class Film:
         replication : 0 or 1, which of the two the sample belongs to
         repeated : True where a pixel may be there several times, which takes longer
         """
+        if NEAR_MISS in values:
+            self.near_misses = add_near_misses(self.near_misses, count_near_misses(values[NEAR_MISS]))
         if self.samples < self.pilot:
             self._note_pilot(pixels, values, replication)
         sums = [(name, values[name]) for name in self._means]
-        sums += [(name + SECOND, values[name]) for name in self._seconds if replication]
+        if replication:
+            sums += [(name + SECOND, values[name][:, : self._count_seconds(name)]) for name in self._seconds]
+        if SQUARES in self.arrays:
+            sums.append((SQUARES, square_means(values["Combined"])))
         for kind in self._mattes:
             self._add_matte(matte_table(kind), pixels, values[matte_table(kind)], repeated)
         counts = self.arrays["Sample Count"][:, replication]
@@ -209,6 +237,7 @@ class Film:
 
     def put_strip(self, pixels: slice | Indices, strip: Film) -> None:
         """Put what `cut_strip` returned back, with what has been added to it."""
+        self.near_misses = add_near_misses(self.near_misses, strip.near_misses)
         for name, array in strip.arrays.items():
             self.arrays[name][pixels] = array
 
@@ -274,7 +303,7 @@ class Film:
 
     def _average_replication(self, name: str, pixels: slice, replication: int) -> Floats:
         sums = self.arrays[name + SECOND][pixels]
-        sums = sums if replication else self.arrays[name][pixels] - sums
+        sums = sums if replication else self.arrays[name][pixels, : sums.shape[1]] - sums
         return sums / np.maximum(self.arrays["Sample Count"][pixels, replication], 1)[:, np.newaxis]
 
     def _show_replication(self, pixels: slice, replication: int) -> Floats:
@@ -310,7 +339,17 @@ class Film:
         with np.errstate(over="ignore", invalid="ignore"):  # of what is infinite nothing is known
             level = np.mean([self._read("Combined", pixels)[:, :3].mean() for pixels in self._rows()])
         sides = [side for side in (self.interleaving, self.time_side) if side]
-        return measure_error(self.square_errors(), float(level), self.width, min(sides, default=0))
+        return measure_error(
+            self.square_errors(), float(level), self.width, min(sides, default=0), self._measure_scatter()
+        )
+
+    def _measure_scatter(self) -> Scatter | None:
+        """Return how Combined's samples scatter; None where what shadow catchers show is no mean of samples."""
+        if self.catches:
+            return None
+        with np.errstate(over="ignore", invalid="ignore"):
+            sums = mean_column(self.arrays["Combined"][:, :3])
+            return measure_scatter(sums, self.arrays[SQUARES][:, 0], self.arrays[COUNTS], self.near_misses)
 
     @property
     def error(self) -> float:

@@ -18,6 +18,7 @@ from raytracer.files.archive import Archive, open_archive, take_table, write_arc
 from raytracer.film.film import Film, Statistics
 from raytracer.film.passes import is_pass
 from raytracer.film.picture_key import PictureKey, restore_key
+from raytracer.film.unmet import STEPS
 from raytracer.scene.scene_file import is_scene_file
 
 FILE_FORMAT = "reference-raytracer-film-1"
@@ -116,6 +117,9 @@ def restore_film(outline: dict[str, Any], size: int) -> Film:
         raise ValueError(f"a film of the size {width} x {height}")
     if not 0 < width * height <= min(size, MOST_PIXELS) or fields["ahead"] > width * height:
         raise ValueError(f"{width} x {height} pixels, which the file does not hold")
+    near = fields["near_misses"]
+    if not isinstance(near, tuple) or len(near) not in (0, STEPS) or any(type(n) is not int or n < 0 for n in near):
+        raise ValueError(f"near misses counted as {near!r:.80}")
     if not isinstance(names, tuple) or not all(is_pass(name) for name in names):
         raise ValueError(f"the passes {names}")
     return Film(**fields, statistics=Statistics(**take_table(outline.get("statistics"))))

@@ -8,6 +8,7 @@ own samples: the whole has other bits, and cannot go on.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,6 +18,7 @@ import numpy as np
 from raytracer.arrays.types import Indices
 from raytracer.film.film import Film, Statistics
 from raytracer.film.picture_key import describe_difference
+from raytracer.film.unmet import add_near_misses
 
 Border = tuple[int, int, int, int]
 
@@ -76,6 +78,7 @@ def merge(films: Sequence[Film]) -> Film:
         left=x_min,
         bottom=y_min,
         cancelled=any(film.cancelled for film in films),
+        near_misses=functools.reduce(add_near_misses, (film.near_misses for film in films)),
         label="",
         statistics=add_statistics(films),
     )

@@ -113,6 +113,8 @@ CAUGHT = "Caught"
 
 # Beside Combined where samples are adaptive: how many casts the path of a sample took.
 LENGTH = "Path Length"
+# Where narrow lobes reflect: what a sample would have seen of light that its path came near to.
+NEAR_MISS = "Near Miss"
 
 HIDDEN = {CAUGHT: Pass(11)}
 

@@ -21,6 +21,10 @@ from raytracer.shading.evaluate import casts_rays, reads_light_path
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon", "subsurface")
 SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
+# A lobe of facets of the roughness alpha reflects with the density 1 / (4 pi alpha^2) in its middle. It is narrow above
+# so much for each steradian: of wider ones, samples of lights bring what reflected rays would rarely meet.
+NARROW_DENSITY = 100.0
+NARROW_ALPHA = (4.0 * np.pi * NARROW_DENSITY) ** -0.5
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,7 @@ class Features:
     diffuse : a material reflects diffusely
     specular : a material reflects or transmits otherwise
     rough : a reflecting or transmitting material has roughness above 0
+    narrow : a reflecting or transmitting material may do so into little more than one direction
     subsurface : a material scatters light below its surface
     transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
     holdout : an object punches a hole into the alpha channel
@@ -54,6 +59,7 @@ class Features:
     diffuse: bool
     specular: bool
     rough: bool
+    narrow: bool
     subsurface: bool
     transparency: bool
     holdout: bool
@@ -105,6 +111,12 @@ def _is_rough(closure: Closure) -> bool:
     return _scatters_on(closure) and (coated or _may(closure, "roughness", lambda roughness: roughness > 0))
 
 
+def _is_narrow(closure: Closure) -> bool:
+    coated = closure.kind == "principled" and _may(closure, "coat_weight", lambda weight: weight > 0)
+    lobes = ["roughness", "coat_roughness"] if coated else ["roughness"]
+    return _scatters_on(closure) and any(_may(closure, lobe, lambda rough: rough**2 < NARROW_ALPHA) for lobe in lobes)
+
+
 def _is_buried(closure: Closure) -> bool:
     if closure.kind == "principled" and not _may(closure, "subsurface", lambda share: share > 0):
         return False
@@ -141,6 +153,7 @@ def derive_features(scene: Scene) -> Features:
         diffuse=any(_is_diffuse(closure) for closure in closures),
         specular=any(_scatters_on(closure) for closure in closures),
         rough=any(_is_rough(closure) for closure in closures),
+        narrow=any(_is_narrow(closure) for closure in closures),
         subsurface=any(_is_buried(closure) for closure in closures),
         transparency=any(lets_through(closure) for closure in closures),
         holdout=_is_any(scene, "holdout"),

@@ -34,6 +34,7 @@ from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, tran
 from raytracer.integrator.told_apart import ToldApart, find_told_apart, is_seen_by_some, list_told_apart
 from raytracer.lights.emitter_table import Emitters, make_emitters
 from raytracer.lights.environment import Environment, make_environment, turn_environment
+from raytracer.lights.glints import Glint, list_glints
 from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.light_nodes import ComputedLight, make_computed_lights
 from raytracer.lights.lights import has_extent
@@ -94,6 +95,7 @@ class Integrator:
     grouped : which groups of lights what shines belongs to; None where no pass asks
     terminator : offsets of the shadow terminator; None where no smooth mesh has any
     cast_inside : finds what rays below a surface hit of their own object; None where no light goes there
+    glints : what narrow lobes meet by chance alone; none where there are no such lobes, or no pass has an error
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     catchers_only : the stages of the scene without all but its shadow catchers, or None
     """
@@ -133,6 +135,7 @@ class Integrator:
     sky_aovs: SkyAovs | None = None
     grouped: GroupedLight | None = None
     cast_inside: CastInside | None = None
+    glints: tuple[Glint, ...] = ()
 
     @property
     def world_group(self) -> int:
@@ -192,6 +195,9 @@ def prepare(
     given = (scene, settings, features, tables, materials, background, terminator, computed, seen_by, told_apart)
     compose = partial(_compose, *given, aims_at_all)
     whole = compose(caster)
+    if features.narrow and "Combined" in select_passes(settings.passes, from_centre=False):
+        glints = list_glints(whole.visible_lights, whole.emitters, whole.background)
+        whole = replace(whole, glints=tuple(glints))
     if "Vector" in settings.passes:
         whole = replace(whole, screen_motion=make_screen_motion(scene, caster.geometry, resolution))
     if written:

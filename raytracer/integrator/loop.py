@@ -16,7 +16,7 @@ from raytracer.arrays.types import Floats
 from raytracer.bsdfs.bounce_kinds import STRAIGHT
 from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.casting.rays import Hits, Rays
-from raytracer.film.passes import LENGTH
+from raytracer.film.passes import LENGTH, NEAR_MISS
 from raytracer.integrator.aovs import add_sky_aovs, add_surface_aovs
 from raytracer.integrator.bounces import classify_rays
 from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
@@ -33,6 +33,7 @@ from raytracer.integrator.contributions import (
 from raytracer.integrator.denoising import add_guides
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_passes import add_aimed
+from raytracer.integrator.near_misses import note_near_misses
 from raytracer.integrator.open_share import add_open_share
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
 from raytracer.integrator.scattering import Shaded, find_closed, find_finished, scatter
@@ -52,7 +53,7 @@ SHADOW_BATCH = 1 << 20
 # What a ray meets on its way to its hit, in this order: stages that add to the passes and change no path. A medium's
 # place is here.
 Stage = Callable[[Integrator, PathPasses, Paths, Hits], None]
-ALONG_RAYS: tuple[Stage, ...] = (add_background, add_visible_lights, add_sky_aovs)
+ALONG_RAYS: tuple[Stage, ...] = (add_background, add_visible_lights, add_sky_aovs, note_near_misses)
 
 
 def trace(integrator: Integrator, rays: Rays, samples: SobolSamples, hits: Hits | None = None) -> dict[str, Floats]:
@@ -67,6 +68,8 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples, hits: Hits 
     """
     passes = start_passes(integrator.settings, rays)
     start_catching(integrator, passes, rays)
+    if integrator.glints:
+        passes.near = np.zeros(len(rays))
     paths, sampler = start_paths(rays), Sampler(samples, share_samples(samples), 0)
     if hits is not None:
         paths, sampler = shade_wave(integrator, passes, paths, hits, sampler)
@@ -75,6 +78,8 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples, hits: Hits 
     finish_caught(passes)
     if passes.lengths is not None:
         passes.values[LENGTH] = passes.lengths[:, np.newaxis]
+    if passes.near is not None:
+        passes.values[NEAR_MISS] = passes.near[:, np.newaxis]
     if passes.unshadowed is not None:
         passes.values["Shadow"] = divide_shadow(passes.values["Shadow"], passes.unshadowed)
     return passes.values

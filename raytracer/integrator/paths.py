@@ -141,6 +141,7 @@ class PathPasses:
     caught : what shadow catchers show, or None where there are none
     light_groups : the passes of groups of lights that are asked for, by number
     lengths : (n,) float64, casts along the ray's path; None where nobody asks
+    near : (n,) float64, what each would have seen of light that its reflections came near to; None without any
     backdrop : (n, 3) float64, the background that the camera sees where catchers are seen through; None where it is no
         part of the picture, or there are none
     """
@@ -156,6 +157,7 @@ class PathPasses:
     caught: Caught | None = None
     backdrop: Floats | None = None
     lengths: Floats | None = None
+    near: Floats | None = None
     light_groups: tuple[str, ...] = ()
 
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:

@@ -68,6 +68,7 @@ class Environment:
     grid : the map that samples follow; None where the world is constant, or even, or nothing stands out
     by_map_alone : True where samples follow the map and nothing else
     is_even : True where it is the same in all directions, though its program may ask how the ray came
+    brightest : the mean size of the channels in the brightest direction of the map, 0 without one
     seen_by, max_bounces : as of World
     """
 
@@ -78,6 +79,7 @@ class Environment:
     grid: DirectionMap | None = None
     is_even: bool = True
     by_map_alone: bool = False
+    brightest: float = 0.0
     seen_by: int = SEEN_BY_ALL
     max_bounces: int | None = None
 
@@ -99,7 +101,8 @@ def make_environment(
     if even:
         return environment
     environment = replace(environment, by_map_alone=by_map_alone, max_bounces=world.max_bounces)
-    return replace(environment, grid=_make_map(environment))
+    grid, brightest = _make_map(environment)
+    return replace(environment, grid=grid, brightest=brightest)
 
 
 def turn_environment(environment: Environment, camera: Camera | None, resolution: tuple[int, int]) -> Environment:
@@ -181,8 +184,9 @@ def environment_density(environment: Environment, normal: Floats, directions: Fl
 # The map
 
 
-def _make_map(environment: Environment) -> DirectionMap | None:
-    """Return the map of an environment's brightness beyond its mean; of all of it where samples follow nothing else.
+def _make_map(environment: Environment) -> tuple[DirectionMap | None, float]:
+    """Return the map of an environment's brightness beyond its mean, of all of it where samples follow nothing else;
+    and how bright it is where it is brightest.
 
     A cell's brightness is the mean of its corners', which is exact for an image of as many pixels, linear in between.
     """
@@ -200,7 +204,7 @@ def _make_map(environment: Environment) -> DirectionMap | None:
         cells = _spread_bright(cells)
     lower = np.sin((np.arange(width // 2 + 1) / (width // 2) - 0.5) * np.pi)
     mean = 0.0 if environment.by_map_alone else np.average(cells.mean(axis=1), weights=np.diff(lower))
-    return make_direction_map(np.maximum(cells - mean, 0.0))
+    return make_direction_map(np.maximum(cells - mean, 0.0)), float(corners.max())
 
 
 def _spread_bright(cells: Floats) -> Floats:

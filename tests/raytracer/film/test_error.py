@@ -8,11 +8,13 @@ from raytracer.film.error import (
     count_freedom,
     count_holders,
     measure_error,
+    measure_scatter,
     share_with_neighbors,
     spread_ratio,
     student_quantile,
 )
 from raytracer.film.film import Film
+from raytracer.film.unmet import add_near_misses, count_near_misses, find_unmet
 
 WIDTH, HEIGHT = 40, 30
 PIXELS = WIDTH * HEIGHT
@@ -122,6 +124,64 @@ def test_few_pixels_that_hold_the_noise_are_named(rng):
     assert found.note == "1 pixel holds 90% of the noise, the worst at (11, 3): the error can be underestimated"
     assert found.error_p99 < found.error / 20
     assert fill(scatter(rng, 4)).measure_error().note == ""
+
+
+def test_few_pixels_are_named_where_both_replications_met_as_much(rng):
+    """One bright sample of either replication in one pixel: d is 0 there, and the scatter of its samples is not."""
+    samples = scatter(rng, 8, 0.01)
+    plain = fill(samples).measure_error()
+    samples[[2, 5], 3 * WIDTH + 11] += 80.0
+    found = fill(samples).measure_error()
+    assert plain.note == ""
+    assert (found.few, found.worst) == (1, (11, 3))
+    # The interval reaches to what independent samples would have: two of 80 among eight, 1200 / 7 squared around 25.
+    assert found.error < 0.01
+    assert found.interval[1] == pytest.approx(np.sqrt(80.0**2 * 2 * 6 / 8 / 7 / 8 / PIXELS) / 5.0, rel=0.02)
+
+
+def test_scatter_is_that_of_independent_samples(rng):
+    """s^2 (1 / m + 1 / n) / 4 of m and n samples; and none of a constant, however large, nor of sums that overflow."""
+    values = rng.random((7, 5))
+    counts = np.tile([5, 2], (5, 1))
+    found = measure_scatter(values.sum(axis=0), (values**2).sum(axis=0), counts).squares
+    np.testing.assert_allclose(found, values.var(axis=0, ddof=1) * (1 / 5 + 1 / 2) / 4, rtol=1e-13)  # sums of 7 numbers
+    constant = np.full(5, 1.1e5)
+    assert not measure_scatter(7 * constant, 7 * constant**2, counts).squares.any()
+
+
+def test_light_that_no_sample_has_met_widens_the_interval_and_is_named(rng):
+    """50 near misses of a light of 1000, of which 0.65 may have been met: 650 / 4 in one pixel of four samples."""
+    samples = scatter(rng, 4, 0.01)
+    plain, film = fill(samples).measure_error(), fill(samples)
+    film.near_misses = count_near_misses(np.full(50, 1000.0))
+    found = film.measure_error()
+    assert found.note == "no reflection has met the brightest light yet: the error can be underestimated"
+    assert (found.error, found.interval[0]) == (plain.error, plain.interval[0])
+    expected = (np.sqrt(50) + 1) ** 2 / 100 * 1024 / 4
+    assert found.interval[1] == pytest.approx(expected / np.sqrt(PIXELS) / 5.0, rel=1e-3)
+    samples[1, 5] += 200.0  # by way of a grey mirror
+    film = fill(samples)
+    film.near_misses = count_near_misses(np.full(50, 1000.0))
+    assert not film.measure_error().is_unmet
+
+
+def test_light_that_many_samples_come_near_to_and_none_meets_is_out_of_reach():
+    assert find_unmet(count_near_misses(np.full(100, 8.0)), 0.0) > 0
+    assert find_unmet(count_near_misses(np.full(400, 8.0)), 0.0) == 0.0
+    # Of the brightest, no matter how many come near to one that is dim.
+    assert find_unmet(count_near_misses(np.r_[np.full(400, 8.0), 800.0]), 0.0) > 8
+    assert find_unmet((), 0.0) == find_unmet(count_near_misses(np.zeros(3)), 0.0) == 0.0
+
+
+def test_near_misses_add_up_in_any_order(rng):
+    seen = np.exp(rng.normal(size=100) * 20)
+    parts = [count_near_misses(part) for part in (seen[:30], seen[30:31], seen[31:])]
+    for order in ((0, 1, 2), (2, 0, 1)):
+        total = ()
+        for number in order:
+            total = add_near_misses(total, parts[number])
+        assert total == count_near_misses(seen)
+    assert sum(total) == 100
 
 
 def test_noisiest_pixels_are_left_out_of_the_second_number():
