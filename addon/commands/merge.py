@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,16 @@ def run(arguments: argparse.Namespace) -> None:
     """Merge; print the picture's path."""
     import raytracer
     from raytracer.film.film_file import load_films
+    from raytracer.film.parts import describe_endings
 
     output = Path(arguments.output)
     if output.suffix.lower() not in SUFFIXES:
         raise CommandError(f"{output}: expected a name that ends in {' or '.join(SUFFIXES)}")
     check_replaceable_picture(output)
-    film = raytracer.merge(load_films(arguments.films))
+    films = load_films(arguments.films)
+    film = raytracer.merge(films)
+    for line in describe_endings(films):
+        print(line, file=sys.stderr)
     several = len(film.names) > 1 and output.suffix.lower() == ".exr"
     arguments.passes = film.names if several else None
     bpy = open_blend(arguments.file)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from raytracer.commands.render import SUFFIXES
 from raytracer.files.replacing import check_replaceable
 from raytracer.film.film_file import load_films, save_film
 from raytracer.film.film_picture import save_picture
-from raytracer.film.parts import merge
+from raytracer.film.parts import describe_endings, merge
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,6 +25,9 @@ def run(arguments: argparse.Namespace) -> None:
     if output.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{output}: expected a name that ends in {' or '.join(SUFFIXES)}")
     check_replaceable(output)
-    whole = merge(load_films(arguments.files))
+    films = load_films(arguments.files)
+    whole = merge(films)
+    for line in describe_endings(films):
+        print(line, file=sys.stderr)
     (save_picture if output.suffix.lower() == ".exr" else save_film)(whole, output)
     print(output, flush=True)

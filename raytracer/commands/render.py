@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--error",
         type=parse_share,
         metavar="E%%",
-        help="end at this error, the root mean square over the mean level; "
+        help="end at this error, the root mean square over the mean level, of a tile over its own; "
         f"takes at most {SAMPLES_FOR_ERROR} samples, or --samples",
     )
     parser.add_argument("--seconds", type=parse_seconds, metavar="T", help="end after so many seconds of tracing")

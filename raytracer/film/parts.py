@@ -4,6 +4,10 @@ A part is a film that knows its picture and how far it is. Tiles lie beside each
 chain, in which one render goes on from another's film. A sample's value depends on pixel, number and seed alone, so the
 whole is the same bit for bit as if it had been rendered in one go. Adaptive tiles are as right, but each has spread its
 own samples: the whole has other bits, and cannot go on.
+
+Tiles that an error has ended have different numbers of samples, and each the error that was asked for, over its own
+mean level. Of the whole that is another share: with the mean levels L of n equal tiles, all of the error e, it is
+e sqrt(n sum L^2) / sum L, which is e where all are alike and e sqrt(n) at most, where one has all the light.
 """
 
 from __future__ import annotations
@@ -21,6 +25,10 @@ from raytracer.film.picture_key import describe_difference
 from raytracer.film.unmet import add_near_misses
 
 Border = tuple[int, int, int, int]
+# What has ended a whole of several tiles: the first of these that has ended one of them. An error, if they all have it.
+ENDINGS = ("cancelled", "time", "samples", "error")
+# What ends a film for good, before it has all its samples.
+LIMITS = ("time", "error")
 
 
 def cut(width: int, height: int, count: int, border: Border | None = None) -> list[Border]:
@@ -52,8 +60,8 @@ def merge(films: Sequence[Film]) -> Film:
     Raises
     ------
     ValueError
-        If a part is missing, there twice, or of another picture, or they do not all have the same samples; one sentence
-        names it.
+        If a part is missing, there twice, of another picture, or not finished: it has neither as many samples as the
+        others nor been ended by an error or a limit of time; one sentence names it.
 
     Examples
     --------
@@ -78,6 +86,9 @@ def merge(films: Sequence[Film]) -> Film:
         left=x_min,
         bottom=y_min,
         cancelled=any(film.cancelled for film in films),
+        ended_by=next((ending for ending in ENDINGS if any(film.ended_by == ending for film in films)), ""),
+        samples=min(film.samples for film in films),
+        total=max(film.total for film in films),
         near_misses=functools.reduce(add_near_misses, (film.near_misses for film in films)),
         label="",
         statistics=add_statistics(films),
@@ -90,7 +101,7 @@ def merge(films: Sequence[Film]) -> Film:
 
 
 def check_alike(films: Sequence[Film], names: Sequence[str]) -> None:
-    """Raise ValueError unless all films are parts of the first one's picture and have its samples."""
+    """Raise ValueError unless all films are finished parts of the first one's picture."""
     first = films[0]
     for film, name in zip(films, names, strict=True):
         if film.key is None or first.key is None:
@@ -102,8 +113,18 @@ def check_alike(films: Sequence[Film], names: Sequence[str]) -> None:
             raise ValueError(f"merge: {name} is no part of the picture of {names[0]}: {difference}")
     most = max(film.samples for film in films)
     for film, name in zip(films, names, strict=True):
-        if film.samples < most or film.ahead:
+        if film.ahead or (film.samples < most and film.ended_by not in LIMITS):
             raise ValueError(f"merge: {name} is not finished: {film.samples} samples of {max(most, film.total)}")
+
+
+def describe_endings(films: Sequence[Film]) -> list[str]:
+    """Return a line for each film, what ended it, where they do not all have the same samples; else nothing."""
+    if len({film.samples for film in films}) == 1:
+        return []
+    names = [film.label or f"film {number}" for number, film in enumerate(films, 1)]
+    return [
+        f"{name}: {film.samples} samples, ended by {film.ended_by}" for name, film in zip(names, films, strict=True)
+    ]
 
 
 def check_cover(films: Sequence[Film], names: Sequence[str], whole: Border) -> None:

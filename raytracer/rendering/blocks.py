@@ -214,7 +214,7 @@ class BlockTracer:
     def _prepare(self, scene: Scene, from_centre: bool) -> Integrator | None:
         """Return an integrator for the passes of one kind, or None where there are none of it."""
         names = select_passes(self._settings.passes, from_centre)
-        settings = replace(self._settings, passes=names) if names else None
+        settings = replace(self._settings, passes=names, error=None) if names else None
         if settings is None:
             return None
         return prepare(scene, self._caster, settings, self._resolution, self._caster.take_part, **self._shared)

@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any
 
 from raytracer.casting.caster import Caster, build
-from raytracer.film.film import Film
+from raytracer.film.film import COUNTS, Film
 from raytracer.film.passes import select_passes
 from raytracer.film.picture_key import PictureKey, describe_difference
 from raytracer.integrator.features import derive_features
@@ -144,6 +144,8 @@ def prepare_film(
     film = continue_film(film, new)
     if film.pilot:
         check_counts(film, window, settings.seed)
+    else:
+        check_even_counts(film)
     return film, window
 
 
@@ -193,6 +195,18 @@ def continue_film(film: Film, new: Film) -> Film:
         raise ValueError(f"{name} is of another picture: {difference}")
     film.total, film.key = new.total, new.key
     return film
+
+
+def check_even_counts(film: Film) -> None:
+    """Raise ValueError unless all pixels of a film have as many samples as it has finished sweeps, and the first ones
+    those of the next: not so where tiles were ended by an error, and merged."""
+    counts = film.arrays[COUNTS].sum(axis=1)
+    counts[: film.ahead] -= 1
+    if (counts != film.samples).any():
+        raise ValueError(
+            f"{film.label or 'film'} cannot go on: its tiles were ended at different numbers of samples; let them go "
+            "on before they are merged"
+        )
 
 
 def limit_sweeps(settings: Settings, until: int | None) -> int:

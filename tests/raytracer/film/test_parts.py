@@ -9,6 +9,7 @@ import pytest
 
 import raytracer
 from raytracer.film.film import Film
+from raytracer.film.parts import describe_endings
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
 
 SIZE = (10, 64)
@@ -113,3 +114,46 @@ def test_a_part_of_another_picture_is_named(tiles: list[Film], foreign: dict[str
 def test_a_film_that_comes_from_no_render_is_no_part(tiles: list[Film]) -> None:
     with pytest.raises(ValueError, match="film 2: expected a film of raytracer"):
         raytracer.merge([tiles[0], Film(2, 2, ("Combined",))])
+
+
+@pytest.fixture(scope="module")
+def ended() -> list[Film]:
+    """Tiles that ended at the error that was asked for, the dark ones early, and one that its samples ended."""
+    return [render(64, tile=(number, 4), error=0.02, min_samples=2) for number in (1, 2, 3, 4)]
+
+
+def test_tiles_that_their_error_has_ended_are_finished(ended: list[Film]) -> None:
+    """The whole has each tile's pixels, its error is that of all pixels over its own level, and it says what ended."""
+    numbers = {film.samples for film in ended}
+    assert len(numbers) > 1
+    assert {film.ended_by for film in ended} <= {"error", "samples"}
+    merged = raytracer.merge(ended[::-1])
+    np.testing.assert_array_equal(merged["Combined"], np.concatenate([film["Combined"] for film in ended[::-1]]))
+    squares = np.concatenate([film.square_errors() for film in ended])
+    assert merged.error == pytest.approx(np.sqrt(squares.mean()) / merged["Combined"][..., :3].mean(), rel=1e-5)
+    assert merged.error_interval[0] < merged.error < merged.error_interval[1]
+    assert merged.samples == min(numbers)
+    assert merged.ended_by == ("samples" if any(film.ended_by == "samples" for film in ended) else "error")
+    assert describe_endings(ended) == [
+        f"film {number}: {film.samples} samples, ended by {film.ended_by}" for number, film in enumerate(ended, 1)
+    ]
+
+
+def test_a_whole_of_different_numbers_of_samples_cannot_go_on(ended: list[Film], tmp_path) -> None:
+    merged = raytracer.merge(ended)
+    raytracer.save_film(merged, tmp_path / "whole.npz")
+    for film in (merged, raytracer.load_film(tmp_path / "whole.npz")):
+        with pytest.raises(ValueError, match="cannot go on: its tiles were ended at different numbers of samples"):
+            render(200, film=film)
+
+
+def test_the_error_of_a_whole_of_uneven_tiles_is_at_most_its_tiles_times_the_root_of_their_number(
+    ended: list[Film],
+) -> None:
+    merged = raytracer.merge(ended)
+    assert merged.error <= max(film.error for film in ended) * np.sqrt(len(ended))
+
+
+def test_tiles_with_the_same_samples_have_nothing_to_tell(tiles: list[Film]) -> None:
+    assert describe_endings(tiles) == []
+    assert raytracer.merge(tiles).ended_by == "samples"

@@ -46,6 +46,12 @@ def test_a_film_that_goes_on_ends_where_one_in_one_go_does():
     assert np.array_equal(film["Combined"], whole["Combined"])
 
 
+def test_a_picture_that_ends_at_an_error_may_have_passes_of_pixels_centres():
+    film = render(SCENE, 12, 8, 64, error=0.5, passes=("Combined", "Depth", "Position"))
+    assert film.ended_by == "error"
+    assert np.array_equal(film["Depth"], render(SCENE, 12, 8, 1, passes=("Depth",))["Depth"])
+
+
 def test_all_samples_are_taken_where_the_error_stays_above():
     film = render(SCENE, 24, 16, 20, error=1e-6)
     assert (film.samples, film.ended_by) == (20, "samples")
