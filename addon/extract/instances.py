@@ -165,7 +165,7 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
             known[key] = len(placements.parts) if part else -1
             if part:
                 placements.parts.append(part)
-                placements.links.append(read_linking(source, instancer, context.warnings))
+                placements.links.append(read_linking(source, instancer))
         if known[key] >= 0:
             placements.part.append(known[key])
             placements.world_from_object.append(np.array(instance.matrix_world, dtype=np.float64))

@@ -1,8 +1,9 @@
-"""Light linking: which objects a light, or an emissive object, lights.
+"""Light and shadow linking: which objects a light, or an emissive object, lights, and which of them shadow its light.
 
-An object's receiver collection says so: where objects are included, only those are lit, else all but the excluded ones.
-What is in a collection within it has the state of that one; said twice, the last counts. The raytracer wants a set for
-each object and the sets that each emitter lights.
+An object's receiver collection says what it lights: where objects are included, only those, else all but the excluded
+ones. What is in a collection within it has the state of that one; said twice, the last counts. Its blocker collection
+says in the same way what shadows its light. The raytracer wants two sets for each object, and those that each emitter
+lights or is shadowed by.
 
 References
 ----------
@@ -19,61 +20,78 @@ from raytracer.scene.fields import ALL_SETS, SET_COUNT
 
 from .warnings import WarningList
 
-# An object's state in each receiver collection; what is in none has state None.
+# An object's state in each collection of one kind; what is in none has state None.
 States = tuple[str | None, ...]
 
 
 @dataclass(frozen=True)
 class Linked:
-    """What tells how an object is linked: original objects, and the collection of what it lights or None for all."""
+    """What tells how an object is linked: original objects, and the collections of what it lights and of what shadows
+    its light, or None for all."""
 
     source: Any
     instancer: Any
     receivers: Any
+    blockers: Any
 
 
 @dataclass(frozen=True)
 class LinkSets:
-    """The set that an ObjectEntry belongs to, and the sets that it lights, as bits."""
+    """The sets that an ObjectEntry belongs to, for light and for shadow, and those that it lights and that shadow its
+    light, as bits."""
 
     light_set: int = 0
     receivers: int = ALL_SETS
+    shadow_set: int = 0
+    blockers: int = ALL_SETS
 
 
-def read_linking(source: Any, instancer: Any, warnings: WarningList) -> Linked:
-    """Return how an object is linked; warn of what is not followed."""
+# What becomes of objects in more sets than there are.
+IN_NO_SET = {
+    "receivers": f"more than {SET_COUNT} light-linking groups: the remaining objects are lit by every light",
+    "blockers": f"more than {SET_COUNT} shadow-linking groups: the remaining objects shadow every light",
+}
+
+
+def read_linking(source: Any, instancer: Any) -> Linked:
+    """Return how an object is linked."""
     linking = source.light_linking
-    if linking.blocker_collection is not None:
-        warnings.add("shadow linking is not supported, all objects shadow its light", source.name)
-    return Linked(source.original, instancer.original, linking.receiver_collection)
+    return Linked(source.original, instancer.original, linking.receiver_collection, linking.blocker_collection)
 
 
 def make_link_sets(parts: Sequence[Linked], warnings: WarningList) -> list[LinkSets]:
-    """Return the sets of each Part; without receiver collections all are in the first set and light it."""
-    collections = {part.receivers.original.session_uid: part.receivers for part in parts if part.receivers is not None}
+    """Return the sets of each Part; without collections all are in the first set, light it and shadow its light."""
+    lit, blocking = (_number_sets(parts, name, warnings) for name in ("receivers", "blockers"))
+    return [LinkSets(*light, *shadow) for light, shadow in zip(lit, blocking, strict=True)]
+
+
+def _number_sets(parts: Sequence[Linked], name: str, warnings: WarningList) -> list[tuple[int, int]]:
+    """Return the set that each Part belongs to and, as bits, those that its own collection of a kind is of."""
+    given = [getattr(part, name) for part in parts]
+    collections = {collection.original.session_uid: collection for collection in given if collection is not None}
     if not collections:
-        return [LinkSets()] * len(parts)
+        return [(0, ALL_SETS)] * len(parts)
     links = [read_states(collection) for collection in collections.values()]
     numbers: dict[States, int] = {(None,) * len(links): 0}
-    light_set = [number_set(part, links, numbers) for part in parts]
+    own = [number_set(part, links, numbers) for part in parts]
     if len(numbers) > SET_COUNT:
-        warnings.add(f"more than {SET_COUNT} light-linking groups: the remaining objects are lit by every light")
+        warnings.add(IN_NO_SET[name])
     sets = [(number, states) for states, number in numbers.items() if number < SET_COUNT]
     masks = {
-        uid: sum(1 << number for number, states in sets if is_lit(links[k], states[k]))
+        uid: sum(1 << number for number, states in sets if is_named(links[k], states[k]))
         for k, uid in enumerate(collections)
     }
     return [
-        LinkSets(
+        (
             number if number < SET_COUNT else 0,
-            ALL_SETS if part.receivers is None else masks[part.receivers.original.session_uid],
+            ALL_SETS if collection is None else masks[collection.original.session_uid],
         )
-        for part, number in zip(parts, light_set, strict=True)
+        for collection, number in zip(given, own, strict=True)
     ]
 
 
 def read_states(collection: Any) -> dict[Any, str]:
-    """Return the state, INCLUDE or EXCLUDE, of all objects in a receiver collection."""
+    """Return the state, INCLUDE or EXCLUDE, of all objects in a collection of links."""
     states = {}
     for child, linked in zip(collection.children, collection.collection_children, strict=True):
         states.update({thing.original: linked.light_linking.link_state for thing in child.all_objects})
@@ -90,6 +108,6 @@ def number_set(part: Linked, links: Sequence[dict[Any, str]], numbers: dict[Stat
     return numbers.setdefault(states, len(numbers))
 
 
-def is_lit(link: dict[Any, str], state: str | None) -> bool:
-    """Return whether what has a state in a receiver collection is lit."""
+def is_named(link: dict[Any, str], state: str | None) -> bool:
+    """Return whether what has a state in a collection of links is lit, or shadows."""
     return state == "INCLUDE" if "INCLUDE" in link.values() else state is None

@@ -15,7 +15,7 @@ from .custom_properties import Color
 from .instance_order import Shapes, Traits, order_instances
 from .instances import ObjectEntry, ObjectKey, Placements
 from .lights import extract_light
-from .linking import make_link_sets
+from .linking import LinkSets, make_link_sets
 from .warnings import WarningList
 
 # Rounding that a product of float32 matrices may leave between axes of equal length: a few parts in 2^24.
@@ -67,7 +67,7 @@ def place_parts(
             spheres.append(replace(group, properties=placements.properties[row], **info, **vars(links[index])))
             sphere_objects.append(part.object)
         elif (light := _place_light(placements, row, matrices[row], warnings)) is not None:
-            lights.append(replace(light, receivers=links[index].receivers))
+            lights.append(replace(light, receivers=links[index].receivers, blockers=links[index].blockers))
             light_objects.append(part.object)
     if shapes is not None and len(meshes) > 1:
         meshes = _sort_rows(placements, meshes, matrices, shapes)
@@ -79,8 +79,7 @@ def place_parts(
         holdout=np.array([part.holdout for part in parts], dtype=np.bool_),
         shadow_catcher=np.array([part.shadow_catcher for part in parts], dtype=np.bool_),
         seen_by=np.array([part.seen_by for part in parts], dtype=np.int32),
-        light_set=np.array([links[placements.part[row]].light_set for row in meshes], dtype=np.int32),
-        receivers=np.array([links[placements.part[row]].receivers for row in meshes], dtype=np.int64),
+        **_gather_links([links[placements.part[row]] for row in meshes]),
         terminator_geometry=_gather_offset(parts, 0),
         terminator_shading=_gather_offset(parts, 1),
         random=np.array([placements.random[row] for row in meshes]) if with_info else None,
@@ -89,6 +88,12 @@ def place_parts(
     )
     objects = (*(part.object for part in parts), *sphere_objects)
     return Placed(instances, tuple(spheres), tuple(lights), objects, tuple(light_objects), tuple(meshes))
+
+
+def _gather_links(links: list[LinkSets]) -> dict[str, NDArray[Any]]:
+    """Return by name the sets (i,) of instances."""
+    types = {"light_set": np.int32, "receivers": np.int64, "shadow_set": np.int32, "blockers": np.int64}
+    return {name: np.array([getattr(link, name) for link in links], dtype) for name, dtype in types.items()}
 
 
 def _place_light(placements: Placements, row: int, matrix: NDArray[np.float64], warnings: WarningList) -> Light | None:

@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Integers, Masks
 from raytracer.casting.geometry import Geometry
@@ -27,6 +28,8 @@ from raytracer.scene.scene import Scene
 
 # Closest hits of n rays that belong to the (n,) classes of rays, as bits of SEEN_BY.
 CastRays = Callable[[Rays, Masks], Hits]
+# Closest hits of n shadow rays that belong to the (n,) classes, with objects of sets of the (n,) bits alone.
+CastLinked = Callable[[Rays, Masks, NDArray[np.int64]], Hits]
 # Closest hits of n rays with the (n,) instances or groups of spheres that they are inside.
 CastInside = Callable[[Rays, Integers], Hits]
 
@@ -82,6 +85,24 @@ def make_cast(caster: RayCaster, visibility: Masks | None, order: Order | None =
         return hits
 
     return cast_all if visibility is None else cast_some
+
+
+def make_linked_cast(cast: CastRays, shadow_set: NDArray[np.int64]) -> CastLinked:
+    """Return the function that casts shadow rays which some sets of objects block, and the others let pass.
+
+    shadow_set : (instances + groups,) int64, the set that each belongs to
+    """
+
+    def cast_linked(rays: Rays, classes: Masks, blockers: NDArray[np.int64]) -> Hits:
+        hits = cast(rays, classes)
+        rows = np.flatnonzero(hits.hit & ((blockers >> shadow_set[hits.instance]) & 1 == 0))
+        while len(rows):
+            found = cast(replace(rays.select(rows), after=hits.select(rows)), classes[rows])
+            hits.put(rows, found)
+            rows = rows[found.hit & ((blockers[rows] >> shadow_set[found.instance]) & 1 == 0)]
+        return hits
+
+    return cast_linked
 
 
 def make_inside_cast(caster: RayCaster, order: Order | None = None) -> CastInside:

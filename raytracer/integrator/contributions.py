@@ -25,6 +25,7 @@ from raytracer.integrator.light_sources import GEOMETRY, LIGHT, WORLD
 from raytracer.integrator.paths import PathPasses, Paths, Wave
 from raytracer.integrator.picked_lights import LightGroup, split_by_light
 from raytracer.lecture import length
+from raytracer.lights.emitter_table import Emitters
 from raytracer.lights.emitters import emitter_density
 from raytracer.lights.environment import Environment, environment_density, evaluate_environment
 from raytracer.lights.light_nodes import ComputedLight, find_factor
@@ -34,7 +35,7 @@ from raytracer.lights.lights import evaluate_light
 from raytracer.sampling.direction_map import map_density
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import power_heuristic
-from raytracer.scene.fields import SEEN_BY_ALL
+from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
 from raytracer.scene.light_groups import NO_GROUP
 from raytracer.scene.lights import Light
 from raytracer.shading.light_path import FARTHEST, LightPath, put_further
@@ -120,11 +121,24 @@ def add_visible_light(
     passed &= meet_lights(paths.kind, light.seen_by)
     if integrator.links is not None:
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
+    if light.blockers != ALL_SETS:
+        passed &= paths.direct  # `shadow_linking` sees to what others meet
     rows = np.flatnonzero(passed)
-    if not len(rows):
-        return
-    paths, seen = paths.select(rows), seen.select(rows)
-    sampled = seen.density if isinstance(chance, float) else seen.density * chance[rows]
+    if len(rows):
+        chance = chance if isinstance(chance, float) else chance[rows]
+        add_light_met(integrator, light, passes, paths.select(rows), seen.select(rows), chance)
+
+
+def add_light_met(
+    integrator: Integrator,
+    light: Light,
+    passes: PathPasses,
+    paths: Paths,
+    seen: LightHits,
+    chance: Floats | float = 1.0,
+) -> None:
+    """Add what paths (k,) that meet a light see of it; chance : as of `add_visible_light`."""
+    sampled = seen.density * chance
     sampled = integrator.share_density(LIGHT, sampled)
     share = power_heuristic(paths.density, sampled)[:, np.newaxis]
     computed = integrator.light_nodes.get(light)
@@ -218,11 +232,22 @@ def add_emission(integrator: Integrator, passes: PathPasses, wave: Wave) -> None
     """Add the emission of the surface that is hit, in the share that light sampling leaves to reflected rays."""
     if integrator.emitters is None:
         return
-    paths, surface = wave.paths, wave.surface
+    paths, surface, radiance = wave.paths, wave.surface, wave.shading.radiance
+    if integrator.shadow_links is not None:
+        linked = integrator.shadow_links.is_linked(surface.instance)
+        rows = np.flatnonzero(paths.direct | ~linked)  # `shadow_linking` sees to the others
+        paths, surface, radiance = paths.select(rows), surface.select(rows), radiance[rows]
+    add_emission_met(integrator, integrator.emitters, passes, paths, surface, radiance)
+
+
+def add_emission_met(
+    integrator: Integrator, emitters: Emitters, passes: PathPasses, paths: Paths, surface: Surface, radiance: Floats
+) -> None:
+    """Add what paths see of surfaces that they meet, which shine with `radiance` (k, 3)."""
     share = np.ones(len(paths))
     sampled = np.flatnonzero(np.isfinite(paths.density))
     other = emitter_density(
-        integrator.emitters,
+        emitters,
         paths.scatter_origin[sampled],
         paths.rays.directions[sampled],
         surface.instance[sampled],
@@ -232,10 +257,9 @@ def add_emission(integrator: Integrator, passes: PathPasses, wave: Wave) -> None
     if integrator.links is not None:
         lit = integrator.links.find_lit(integrator.links.receivers[surface.instance], paths.scatterer)
         share[~(paths.direct | lit)] = 0.0
-    light = paths.throughput * wave.shading.radiance * share[:, np.newaxis]
-    radiance = clamp_met(integrator.settings, paths.bounces, light)
+    light = clamp_met(integrator.settings, paths.bounces, paths.throughput * radiance * share[:, np.newaxis])
     group = NO_GROUP if integrator.grouped is None else integrator.grouped.of_objects[surface.instance]
-    add_met(passes, paths, radiance, "Emission", group)
+    add_met(passes, paths, light, "Emission", group)
 
 
 def describe_path(

@@ -71,7 +71,8 @@ def sample_lights(
         how = (source.unstopped, source.cast_as)
         rays_of = partial(ShadowRays, row[lit], light, key, depths, rays, number, *how)
         group = source.light_group if found.light_group is None else found.light_group[lit]
-        shadow_rays.append(rays_of(chance=source.chance, split=of_parts, light_group=group))
+        blockers = source.blockers if found.blockers is None else found.blockers[lit]
+        shadow_rays.append(rays_of(chance=source.chance, split=of_parts, light_group=group, blockers=blockers))
     return shadow_rays
 
 

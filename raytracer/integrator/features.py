@@ -44,6 +44,7 @@ class Features:
     holdout : an object punches a hole into the alpha channel
     shadow_catchers : an object shows only how others change its light
     light_linking : a light, or an emissive object, lights some objects only
+    shadow_linking : the light of a light, or an emissive object, is shadowed by some objects only
     ray_visibility : an object is hidden from some rays
     programs : a parameter of a material is computed at each point
     light_path : a program of a material asks how the ray came
@@ -65,6 +66,7 @@ class Features:
     holdout: bool
     shadow_catchers: bool
     light_linking: bool
+    shadow_linking: bool
     ray_visibility: bool
     programs: bool
     light_path: bool
@@ -139,6 +141,12 @@ def _is_any(scene: Scene, name: str) -> bool:
     return placed or any(getattr(group, name) for group in scene.spheres)
 
 
+def _links(scene: Scene, name: str) -> bool:
+    """True where an emitter names some sets of objects, and not all."""
+    records = any(getattr(record, name) != ALL_SETS for record in (*scene.lights, *scene.spheres))
+    return records or (scene.instances is not None and bool((getattr(scene.instances, name) != ALL_SETS).any()))
+
+
 def derive_features(scene: Scene) -> Features:
     """Return the Features of `scene`."""
     closures = [closure for material in scene.materials for closure in material.closures]
@@ -158,8 +166,8 @@ def derive_features(scene: Scene) -> Features:
         transparency=any(lets_through(closure) for closure in closures),
         holdout=_is_any(scene, "holdout"),
         shadow_catchers=_is_any(scene, "shadow_catcher"),
-        light_linking=any(record.receivers != ALL_SETS for record in (*scene.lights, *scene.spheres))
-        or (scene.instances is not None and bool((scene.instances.receivers != ALL_SETS).any())),
+        light_linking=_links(scene, "receivers"),
+        shadow_linking=_links(scene, "blockers"),
         ray_visibility=hides,
         programs=any(closure.registers or closure.vectors for closure in closures)
         or any(material.normal is not None for material in scene.materials),

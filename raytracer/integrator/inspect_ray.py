@@ -24,7 +24,6 @@ from raytracer.bsdfs.fresnel import refract
 from raytracer.bsdfs.microfacet import evaluate_fresnel
 from raytracer.casting.caster import Caster
 from raytracer.casting.geometry import Kind, join_id, world_corners
-from raytracer.casting.ray_visibility import classify_shadows
 from raytracer.casting.rays import Hits, Rays, make_rays
 from raytracer.film.camera import primary_rays
 from raytracer.integrator.bounces import classify_rays, find_ended
@@ -35,7 +34,7 @@ from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
 from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
 from raytracer.integrator.scattering import count_all, find_closed
 from raytracer.integrator.settings import Settings
-from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
+from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows, join_shadows
 from raytracer.integrator.traced_rays import (
     CAMERA,
     EMITTERS,
@@ -269,7 +268,7 @@ def trace_shadow(integrator: Integrator, source: int | str, aimed: ShadowRays, c
     assert rays is not None
     if casts:
         share = np.broadcast_to(cast_shadows(integrator.visibility, [aimed])[0][0], 3)
-        blocker = None if share.any() else find_blocker(integrator, rays)
+        blocker = None if share.any() else find_blocker(integrator, aimed)
     if source == EMITTERS and integrator.emitters is not None:
         picked = pick_emitters(integrator.emitters, np.array([0.5]))
         target = int(locate_emitters(integrator.emitters, picked)[0][0])
@@ -296,18 +295,18 @@ class Blocker(NamedTuple):
     distance: float
 
 
-def find_blocker(integrator: Integrator, rays: Rays) -> Blocker | None:
+def find_blocker(integrator: Integrator, aimed: ShadowRays) -> Blocker | None:
     """Return the first surface on a shadow ray that lets nothing through, or the last there is; None where none is."""
-    blocker = None
+    blocker, shadows = None, join_shadows([aimed])
     while True:
-        hits = integrator.cast(rays, classify_shadows(rays))
+        hits = integrator.cast_shadow(shadows)
         if not hits.hit[0]:
             return blocker
         blocker = Blocker(int(hits.instance[0]), int(hits.primitive[0]), float(hits.distance[0]))
-        surface = make_surface(integrator.tables, rays, hits)
+        surface = make_surface(integrator.tables, shadows.rays, hits)
         if not find_transparency(integrator.materials, surface).any():
             return blocker
-        rays = replace(rays, after=hits)
+        shadows = replace(shadows, rays=replace(shadows.rays, after=hits))
 
 
 # Branches -------------------------------------------------------------------------------------------------------------

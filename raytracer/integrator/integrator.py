@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Masks, Numbers, Vectors
-from raytracer.casting.ray_visibility import CastInside, CastRays, RayCaster, SceneCaster, make_cast, make_inside_cast
+from raytracer.casting.ray_visibility import (
+    CastInside,
+    CastRays,
+    RayCaster,
+    SceneCaster,
+    make_cast,
+    make_inside_cast,
+    make_linked_cast,
+)
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.passes import find_pass, list_aovs, select_mattes, select_passes
 from raytracer.integrator.features import Features, derive_features
@@ -30,12 +38,18 @@ from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_pic
 from raytracer.integrator.random_walk import count_numbers
 from raytracer.integrator.scene_records import find_camera_axes, find_eye, find_identities, gather_records
 from raytracer.integrator.settings import Settings
-from raytracer.integrator.shadow_rays import Visibility, opaque_visibility, transparent_visibility
+from raytracer.integrator.shadow_rays import (
+    CastShadows,
+    Visibility,
+    make_shadow_cast,
+    opaque_visibility,
+    transparent_visibility,
+)
 from raytracer.integrator.told_apart import ToldApart, find_told_apart, is_seen_by_some, list_told_apart
 from raytracer.lights.emitter_table import Emitters, make_emitters
 from raytracer.lights.environment import Environment, make_environment, turn_environment
 from raytracer.lights.glints import Glint, list_glints
-from raytracer.lights.light_linking import LightLinks
+from raytracer.lights.light_linking import LightLinks, ShadowLinks
 from raytracer.lights.light_nodes import ComputedLight, make_computed_lights
 from raytracer.lights.lights import has_extent
 from raytracer.lights.sky_aovs import SkyAovs, make_sky_aovs
@@ -90,6 +104,8 @@ class Integrator:
     emission_ahead : True where a ray that goes on can meet a light, emissive geometry or the world
     dimensions : numbered dimensions of a wave
     links : which objects are lit by what, or None where all are by all
+    shadow_links : which objects shadow the light of what, or None where all shadow all
+    cast_shadow : finds what shadow rays hit of what they see
     tells_paths : True where a program asks how rays came
     aovs, sky_aovs : what surfaces and the world write to passes of their own; None where nothing is written
     grouped : which groups of lights what shines belongs to; None where no pass asks
@@ -109,6 +125,7 @@ class Integrator:
     emitters: Emitters | None
     background: Environment | None
     visibility: Visibility
+    cast_shadow: CastShadows
     occlusion_test: OcclusionTest | None
     holdout: Booleans | None
     pass_index: NDArray[np.int32]
@@ -118,6 +135,7 @@ class Integrator:
     emission_ahead: bool
     dimensions: WaveDimensions
     links: LightLinks | None = None
+    shadow_links: ShadowLinks | None = None
     told_apart: frozenset[int] = frozenset()
     shares: Mapping[int, float] = field(default_factory=dict)
     tells_paths: bool = False
@@ -260,7 +278,8 @@ def _compose(
     if features.emission and needs_light:
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
     lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
-    links = _link_lights(scene) if features.light_linking else None
+    links = LightLinks(*_gather_links(scene, "light_set", "receivers")) if features.light_linking else None
+    shadow_links = ShadowLinks(*_gather_links(scene, "shadow_set", "blockers")) if features.shadow_linking else None
     groups: list[LightGroup]
     aimed_at, groups = (lights, []) if aims_at_all else split_lights(lights, links, computed)
     sources: list[LightSource] = [
@@ -269,7 +288,10 @@ def _compose(
     sources += [source for group in groups for source in make_picked_sources(group)]
     if emitters is not None:
         by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by) else None
-        sources.append(EmissiveGeometry(emitters=emitters, links=links, seen_by_object=by_object))
+        of_geometry = EmissiveGeometry(emitters=emitters, links=links, seen_by_object=by_object)
+        sources.append(
+            of_geometry if shadow_links is None else replace(of_geometry, blockers_by_object=shadow_links.blockers)
+        )
     if background is not None:
         sources += make_world_sources(background, features.light_path or is_seen_by_some(seen_by, LOOKING))
     dimensions = allocate_dimensions(
@@ -295,11 +317,15 @@ def _compose(
     aimed = set_chances(sources, told_apart)
     order = make_order(tables)
     cast = make_cast(caster, seen_by, order)
+    cast_shadow = make_shadow_cast(
+        cast, None if shadow_links is None else make_linked_cast(cast, shadow_links.shadow_set)
+    )
     if features.transparency:
         assert settings.shadow_passages is not None  # as Settings fills it in
-        visibility = transparent_visibility(cast, tables, materials, settings.shadow_passages)
+        visibility = transparent_visibility(cast_shadow, tables, materials, settings.shadow_passages)
     else:
-        visibility = opaque_visibility(caster, None if seen_by is None else cast, order)
+        all_block_all = seen_by is None and shadow_links is None
+        visibility = opaque_visibility(caster, None if all_block_all else cast_shadow, order)
     return Integrator(
         cast=cast,
         settings=settings,
@@ -316,6 +342,7 @@ def _compose(
         grouped=grouped,
         background=background,
         visibility=visibility,
+        cast_shadow=cast_shadow,
         occlusion_test=make_occlusion_test(caster, cast, order) if features.occlusion else None,
         holdout=gather_records(scene, "holdout", np.bool_) if features.holdout else None,
         pass_index=gather_records(scene, "pass_index", np.int32),
@@ -326,6 +353,7 @@ def _compose(
         emission_ahead=bool(visible_lights) or bool(visible_groups) or emitters is not None or background is not None,
         dimensions=dimensions,
         links=links,
+        shadow_links=shadow_links,
         told_apart=told_apart,
         shares={source.kind: source.share for source in aimed if source.kind in told_apart},
         tells_paths=features.light_path
@@ -336,9 +364,9 @@ def _compose(
     )
 
 
-def _link_lights(scene: Scene) -> LightLinks:
-    """Return which objects are lit by what."""
-    return LightLinks(*(gather_records(scene, name, np.int64) for name in ("light_set", "receivers")))
+def _gather_links(scene: Scene, *names: str) -> list[NDArray[np.int64]]:
+    """Return the sets that objects belong to, and those that each shines on or is shadowed by."""
+    return [gather_records(scene, name, np.int64) for name in names]
 
 
 def _hides_emitters(emitters: Emitters, seen_by: Masks) -> bool:

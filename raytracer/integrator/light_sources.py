@@ -30,9 +30,10 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raytracer.arrays.rows import scale_vectors, take_rows
-from raytracer.arrays.types import Counts, Integers, Keys, Masks
+from raytracer.arrays.types import Counts, Indices, Integers, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.bsdfs.closures import Shading
 from raytracer.lights.emitter_table import Emitters, locate_emitters
@@ -94,13 +95,14 @@ class KeyedSamples:
     others of the same key; ALONE where with none.
 
     seen_by : (n,) uint8, bits of SEEN_BY, the ways in which each is reflected; None where that is the source's
-    light_group : (n,) int32, likewise
+    light_group : (n,) int32, and blockers : (n,) int64, likewise
     """
 
     light: LightSamples
     key: Keys
     seen_by: Masks | None = None
     light_group: Integers | None = None
+    blockers: NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,6 +121,7 @@ class LightSource(ABC):
     cast_as : the class of its shadow rays, which tells what objects they meet
     max_bounces : it lights nothing that a path has bounced to more often; None without limit
     light_group : number of the group that its light belongs to, among those that passes ask for; -1 for none
+    blockers : the sets of objects that shadow its light, as bits
     """
 
     dimension_count: ClassVar[int]
@@ -132,6 +135,7 @@ class LightSource(ABC):
     cast_as: int = SEEN_BY["shadow"]
     max_bounces: int | None = None
     light_group: int = NO_GROUP
+    blockers: int = ALL_SETS
 
     @abstractmethod
     def sample(self, points: ShadingPoints) -> KeyedSamples:
@@ -192,6 +196,7 @@ class EmissiveGeometry(LightSource):
     seen_by_object : (instances + groups,) uint8, bits of SEEN_BY, the ways in which light of each is reflected; None
         for all
     light_groups : (instances + groups,) int32, as of LightSource, of each object; None where nobody asks
+    blockers_by_object : (instances + groups,) int64, as of LightSource, of each object; None where all block all
     """
 
     dimension_count: ClassVar[int] = 2
@@ -199,6 +204,7 @@ class EmissiveGeometry(LightSource):
     links: LightLinks | None
     seen_by_object: Masks | None = None
     light_groups: Integers | None = None
+    blockers_by_object: NDArray[np.int64] | None = None
     kind: int = GEOMETRY
 
     def sample(self, points: ShadingPoints) -> KeyedSamples:
@@ -216,11 +222,12 @@ class EmissiveGeometry(LightSource):
         if self.links is not None:
             receivers = self.links.receivers[locate_emitters(emitters, picked)[0]]
             light.weight[~self.links.find_lit(receivers, points.surface.instance)] = 0.0
-        seen_by = None if self.seen_by_object is None else self.seen_by_object[locate_emitters(emitters, picked)[0]]
-        light_group = None
-        if self.light_groups is not None:
-            light_group = self.light_groups[locate_emitters(emitters, picked)[0]]
-        return KeyedSamples(light, key, seen_by, light_group)
+        by_object = (self.seen_by_object, self.light_groups, self.blockers_by_object)
+        return KeyedSamples(light, key, *(self._look_up(table, picked) for table in by_object))
+
+    def _look_up(self, table: NDArray[Any] | None, picked: Indices) -> NDArray[Any] | None:
+        """Return what a table by object, if there is one, says of emitters (n,)."""
+        return None if table is None else table[locate_emitters(self.emitters, picked)[0]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -273,6 +280,7 @@ def make_light_source(
         "cast_shadow": light.cast_shadow,
         "seen_by": light.seen_by,
         "max_bounces": light.max_bounces,
+        "blockers": light.blockers,
     }
     return SampledLight(**fields) if computed is None else SampledLightWithNodes(**fields, computed=computed)
 

@@ -77,10 +77,11 @@ class LightGroup:
 def split_lights(
     lights: Sequence[Light], links: LightLinks | None, computed: Mapping[Light, ComputedLight]
 ) -> tuple[list[Light], list[LightGroup]]:
-    """Return the lights that are all aimed at, and the groups of those that are picked from."""
+    """Return the lights that are all aimed at, and the groups of those that are picked from: never those whose shadows
+    are linked, which are few."""
     alike: dict[tuple[bool, bool, int, int | None], list[Light]] = {}
     for light in lights:
-        if has_place(light):
+        if has_place(light) and light.blockers == ALL_SETS:
             key = (light.cast_shadow, light.shadow_catcher, light.seen_by, light.max_bounces)
             alike.setdefault(key, []).append(light)
     groups = []

@@ -19,6 +19,7 @@ from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_passes import note_scattering, split_paths
 from raytracer.integrator.light_sources import ShadingPoints
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance
+from raytracer.integrator.shadow_linking import add_linked_light
 from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.sampling.sampler import Sampler
 from raytracer.shading.light_path import Depths
@@ -85,7 +86,10 @@ def scatter_by(
     if passes.guides is None:
         end_in_the_dark(integrator, paths, sample)
     play_roulette(integrator, paths, sample, sampler)
-    return Shaded(shadow_rays, advance(wave, sample))
+    going_on = advance(wave, sample)
+    if integrator.shadow_links is not None:
+        add_linked_light(integrator, passes, going_on.select(~sample.goes_straight[sample.alive]))
+    return Shaded(shadow_rays, going_on)
 
 
 def count_all(integrator: Integrator, paths: Paths) -> Counts | None:

@@ -19,7 +19,7 @@ def gather_records(scene: Scene, name: str, dtype: type) -> NDArray[Any]:
     """Return a property of all instances, then of all groups of spheres."""
     instances = None if scene.instances is None else getattr(scene.instances, name)
     if instances is None:
-        default = {"seen_by": SEEN_BY_ALL, "receivers": ALL_SETS}.get(name, 0)
+        default = {"seen_by": SEEN_BY_ALL, "receivers": ALL_SETS, "blockers": ALL_SETS}.get(name, 0)
         instances = np.full(scene.instance_count, default, dtype)
     return np.concatenate([instances, np.array([getattr(group, name) for group in scene.spheres], dtype=dtype)])
 

@@ -11,17 +11,18 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raytracer.arrays.rows import any_column
 from raytracer.arrays.types import Booleans, Floats, Indices, Integers, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.casting.order import Order
-from raytracer.casting.ray_visibility import CastRays, RayCaster, find_any
-from raytracer.casting.rays import Rays, join_rays
+from raytracer.casting.ray_visibility import CastLinked, CastRays, RayCaster, find_any
+from raytracer.casting.rays import Hits, Rays, join_rays
 from raytracer.integrator.light_sources import ALONE
 from raytracer.integrator.parts import Split
 from raytracer.lecture import length
-from raytracer.scene.fields import SEEN_BY
+from raytracer.scene.fields import ALL_SETS, SEEN_BY
 from raytracer.scene.light_groups import NO_GROUP
 from raytracer.shading.light_path import Depths, LightPath, describe_reflected, describe_shadow_rays
 from raytracer.shading.materials import MaterialTable, find_transparency
@@ -44,16 +45,20 @@ class Shadows:
     unstopped : (n,) bool, True where transparent surfaces let light through even if their material says that they stop
         it
     cast_as : (n,) uint8, bits of SEEN_BY, the classes whose objects they meet
+    blockers : (n,) int64, the sets of objects that they meet, as bits; None where all meet all
     """
 
     rays: Rays
     depths: Depths
     unstopped: Booleans
     cast_as: Masks
+    blockers: NDArray[np.int64] | None = None
 
     def select(self, rows: Any) -> Shadows:
         """Return some of the rays: index or boolean array."""
-        return Shadows(self.rays.select(rows), self.depths.select(rows), self.unstopped[rows], self.cast_as[rows])
+        blockers = None if self.blockers is None else self.blockers[rows]
+        depths, unstopped, cast_as = self.depths.select(rows), self.unstopped[rows], self.cast_as[rows]
+        return Shadows(self.rays.select(rows), depths, unstopped, cast_as, blockers)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -67,6 +72,7 @@ class ShadowRays:
     depths : of the paths
     rays : None where the source throws no shadows
     unstopped, cast_as, chance : as in LightSource
+    blockers : the sets of objects that shadow the light, as bits, one for all or (k,)
     split : the light in parts; None where no pass asks
     light_group : number of the group of the light, one for all or (k,)
     """
@@ -82,6 +88,7 @@ class ShadowRays:
     chance: float = 1.0
     split: Split | None = None
     light_group: Integers | int = NO_GROUP
+    blockers: NDArray[np.int64] | int = ALL_SETS
 
 
 def cast_shadows(visibility: Visibility, shadow_rays: Sequence[ShadowRays]) -> list[Floats]:
@@ -92,7 +99,7 @@ def cast_shadows(visibility: Visibility, shadow_rays: Sequence[ShadowRays]) -> l
     casting = [of_source for of_source in shadow_rays if of_source.rays is not None and len(of_source.row)]
     seen = None
     if casting:
-        shadows = _join_shadows(casting)
+        shadows = join_shadows(casting)
         for rows in _split_by_key(_number_keys(casting)):
             part = visibility(shadows.select(rows))
             seen = np.empty((len(shadows.rays), part.shape[1])) if seen is None else seen
@@ -105,7 +112,7 @@ def cast_shadows(visibility: Visibility, shadow_rays: Sequence[ShadowRays]) -> l
     return shares
 
 
-def _join_shadows(sources: Sequence[ShadowRays]) -> Shadows:
+def join_shadows(sources: Sequence[ShadowRays]) -> Shadows:
     """Return the rays of all sources, in order."""
     counts = [len(of_source.row) for of_source in sources]
     bounces = [of_source.depths.bounces for of_source in sources if of_source.depths.bounces is not None]
@@ -117,7 +124,15 @@ def _join_shadows(sources: Sequence[ShadowRays]) -> Shadows:
         ),
         np.repeat([of_source.unstopped for of_source in sources], counts),
         np.repeat(np.array([of_source.cast_as for of_source in sources], np.uint8), counts),
+        _join_blockers(sources),
     )
+
+
+def _join_blockers(sources: Sequence[ShadowRays]) -> NDArray[np.int64] | None:
+    """Return which sets of objects block the rays of all sources (n,), in order; None where all block all."""
+    if all(isinstance(of_source.blockers, int) and of_source.blockers == ALL_SETS for of_source in sources):
+        return None
+    return np.concatenate([np.broadcast_to(of_source.blockers, len(of_source.row)) for of_source in sources])
 
 
 def _number_keys(sources: Sequence[ShadowRays]) -> Keys:
@@ -141,22 +156,36 @@ def _split_by_key(key: Keys) -> Iterator[Indices | slice]:
         yield others
 
 
-def opaque_visibility(caster: RayCaster, cast: CastRays | None = None, order: Order | None = None) -> Visibility:
+# Closest hits of shadow rays with what they meet.
+CastShadows = Callable[[Shadows], Hits]
+
+
+def make_shadow_cast(cast: CastRays, cast_linked: CastLinked | None = None) -> CastShadows:
+    """Return what finds the closest hits of shadow rays; cast_linked : needed where some objects shadow some lights."""
+
+    def meet(shadows: Shadows) -> Hits:
+        if shadows.blockers is None or cast_linked is None:
+            return cast(shadows.rays, shadows.cast_as)
+        return cast_linked(shadows.rays, shadows.cast_as, shadows.blockers)
+
+    return meet
+
+
+def opaque_visibility(caster: RayCaster, cast: CastShadows | None = None, order: Order | None = None) -> Visibility:
     """Shadow rays where every surface stops the light: (n, 1), 1 or 0.
 
-    cast : needed where some objects throw no shadows
+    cast : needed where some objects throw no shadows, or not of all lights
     order : of surfaces at one place, or None
     """
 
     def see(shadows: Shadows) -> Floats:
-        rays = shadows.rays
-        blocked = find_any(caster, rays, order) if cast is None else cast(rays, shadows.cast_as).hit
+        blocked = find_any(caster, shadows.rays, order) if cast is None else cast(shadows).hit
         return np.where(blocked, 0.0, 1.0)[:, np.newaxis]
 
     return see
 
 
-def transparent_visibility(cast: CastRays, tables: SurfaceTables, materials: MaterialTable, most: int) -> Visibility:
+def transparent_visibility(cast: CastShadows, tables: SurfaceTables, materials: MaterialTable, most: int) -> Visibility:
     """Shadow rays that pass through transparent surfaces: (n, 3), the share of light that is left.
 
     most : straight passages that a path may make together with its shadow ray
@@ -165,12 +194,12 @@ def transparent_visibility(cast: CastRays, tables: SurfaceTables, materials: Mat
 
 
 def _see_through(
-    cast: CastRays, tables: SurfaceTables, materials: MaterialTable, most: int, shadows: Shadows
+    cast: CastShadows, tables: SurfaceTables, materials: MaterialTable, most: int, shadows: Shadows
 ) -> Floats:
     left = np.ones((len(shadows.rays), 3))
     rows, passed = np.arange(len(shadows.rays)), 0
     while len(rows):
-        hits = cast(shadows.rays, shadows.cast_as)
+        hits = cast(shadows)
         met = np.flatnonzero(hits.hit)
         shadows, hits, rows = shadows.select(met), hits.select(met), rows[met]
         surface = make_surface(tables, shadows.rays, hits)

@@ -183,14 +183,14 @@ def sample_placed(points: EmitterPoints, surface: Surface) -> LightSamples:
     direction = divide_rows(offset, distance)
     cosine = np.abs(dot(direction, points.normal))
     density = divide_rows(points.density * (distance * distance), cosine)
-    reach = _stop_before(distance, cosine, points.error, surface.position_error)
+    reach = stop_before(distance, cosine, points.error, surface.position_error)
     weight = divide_rows(points.radiance, density)
     return LightSamples(direction, reach, weight, density, points.position, divide_rows(reach, distance))
 
 
-def _stop_before(distance: Floats, cosine: Floats, error: Floats, surface_error: Floats) -> Floats:
-    """Shorten shadow rays (n,), metres, to end before the emitter, by the errors of both ends (and of the step off the
-    surface) seen along the ray."""
+def stop_before(distance: Floats, cosine: Floats, error: Floats, surface_error: Floats) -> Floats:
+    """Return the lengths of shadow rays (n,), metres, shortened to end before the emitter: by the errors of both ends
+    (and of the step off the surface) seen along the ray."""
     clearance = 2.0 * (error + surface_error) / np.maximum(cosine, SMALLEST_COSINE)
     return np.maximum(distance - clearance, 0.0)
 
@@ -208,7 +208,7 @@ def _aim_at_spheres(emitters: Emitters, surface: Surface, picked: Numbers, pair:
     error = INTERPOLATION_ERROR * length(tables.geometry.centres[sphere]) + CASTER_ERROR * radii
     density = emitter_density(emitters, surface.position, direction, instance, primitive)
     weight = divide_rows(emitters.radiance[find_picked_materials(emitters, picked)], density)
-    return LightSamples(direction, _stop_before(distance, cosine, error, surface.position_error), weight, density)
+    return LightSamples(direction, stop_before(distance, cosine, error, surface.position_error), weight, density)
 
 
 def emitter_density(

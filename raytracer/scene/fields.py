@@ -13,7 +13,8 @@ from raytracer.arrays.checks import as_array, require_finite, require_range
 # The classes of rays that may see an object or a light, as bits; shadow rays look for light from a surface.
 SEEN_BY = {"camera": 1, "diffuse": 2, "glossy": 4, "transmission": 8, "shadow": 16}
 SEEN_BY_ALL = sum(SEEN_BY.values())
-# Each object belongs to one of this many sets; a light or an emissive object lights some of them, bits of a number.
+# Each object belongs to one of this many sets for light, and to one for shadow; a light or an emissive object lights
+# some of the former and is blocked by some of the latter, bits of a number.
 SET_COUNT = 63
 ALL_SETS = 2**SET_COUNT - 1
 # What pictures, which are float32, can show; and products of a few such numbers are finite in float64.
@@ -79,11 +80,12 @@ def set_seen_by(record: Any, label: str) -> None:
     set_field(record, "seen_by", int(mask))
 
 
-def set_receivers(record: Any, label: str) -> None:
-    """Check the field `receivers`: the sets of objects that are lit, as bits of one number."""
-    mask = set_array(record, "receivers", np.int64, (), label)
-    require_range(mask, 0, ALL_SETS, f"{label}: receivers")
-    set_field(record, "receivers", int(mask))
+def set_linked_sets(record: Any, label: str) -> None:
+    """Check the fields `receivers` and `blockers`: sets of objects, each as bits of one number."""
+    for name in ("receivers", "blockers"):
+        mask = set_array(record, name, np.int64, (), label)
+        require_range(mask, 0, ALL_SETS, f"{label}: {name}")
+        set_field(record, name, int(mask))
 
 
 def set_properties(record: Any, shape: Sequence[int | str], label: str) -> None:

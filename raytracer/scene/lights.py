@@ -18,8 +18,8 @@ from raytracer.scene.fields import (
     set_field,
     set_flags,
     set_light,
+    set_linked_sets,
     set_number,
-    set_receivers,
     set_seen_by,
 )
 from raytracer.scene.programs import Aovs, Program, Register, check_aovs, check_program, check_register
@@ -35,7 +35,7 @@ def check_shared_fields(light: Any) -> str:
     label = f"{type(light).__name__} {light.name!r}"
     set_flags(light, ("cast_shadow", "shadow_catcher"), label)
     set_seen_by(light, label)
-    set_receivers(light, label)
+    set_linked_sets(light, label)
     if light.max_bounces is not None:
         set_count(light, "max_bounces", label)
     if light.nodes is not None and not isinstance(light.nodes, LightNodes):
@@ -75,6 +75,7 @@ class PointLight:
     shadow_catcher : True for a light that is part of what shadow catchers stand for: they know its light without the
         other objects. So for all lights
     receivers : the sets of objects that it lights, as bits: 1 << light_set. So for all lights
+    blockers : the sets of objects that shadow its light, as bits: 1 << shadow_set. So for all lights
     max_bounces : it lights nothing that a path has bounced to more often; None without limit. So for all lights
     nodes : LightNodes, or None for an even light. So for all lights
     """
@@ -88,6 +89,7 @@ class PointLight:
     seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
+    blockers: int = ALL_SETS
     max_bounces: int | None = None
     nodes: LightNodes | None = None
 
@@ -143,6 +145,7 @@ class SunLight:
     seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
+    blockers: int = ALL_SETS
     max_bounces: int | None = None
     nodes: LightNodes | None = None
 
@@ -180,6 +183,7 @@ class AreaLight:
     seen_by: int = LIGHT_SEEN_BY
     shadow_catcher: bool = True
     receivers: int = ALL_SETS
+    blockers: int = ALL_SETS
     max_bounces: int | None = None
     nodes: LightNodes | None = None
 

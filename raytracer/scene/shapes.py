@@ -19,9 +19,9 @@ from raytracer.scene.fields import (
     set_count,
     set_field,
     set_flags,
+    set_linked_sets,
     set_number,
     set_properties,
-    set_receivers,
     set_seen_by,
 )
 
@@ -134,7 +134,7 @@ class Spheres:
     pass_index : int, the Object Index pass
     holdout : bool, True punches a hole into the image's alpha
     seen_by : bits of SEEN_BY, the classes of rays that see them
-    shadow_catcher, light_set, receivers : bool, int, int, as in Instances
+    shadow_catcher, light_set, receivers, shadow_set, blockers : bool, and four int, as in Instances
     random, color, properties : of the group, one number, (4,), and (4,) by name, float64, as in Instances
     attributes : by name, (s, k) float64, of each sphere, for the programs of materials; k as in Mesh
     """
@@ -149,6 +149,8 @@ class Spheres:
     shadow_catcher: bool = False
     light_set: int = 0
     receivers: int = ALL_SETS
+    shadow_set: int = 0
+    blockers: int = ALL_SETS
     random: float = 0.0
     color: Any = (1.0, 1.0, 1.0, 1.0)
     properties: Mapping[str, Any] = field(default_factory=dict)
@@ -164,9 +166,10 @@ class Spheres:
         require_range(radii, np.nextafter(0.0, 1.0), np.inf, f"{label}: radii")
         _set_material(self, len(centres), label)
         set_seen_by(self, label)
-        set_receivers(self, label)
-        require_range(set_array(self, "light_set", np.int32, (), label), 0, SET_COUNT - 1, f"{label}: light_set")
-        set_field(self, "light_set", int(self.light_set))
+        set_linked_sets(self, label)
+        for name in ("light_set", "shadow_set"):
+            require_range(set_array(self, name, np.int32, (), label), 0, SET_COUNT - 1, f"{label}: {name}")
+            set_field(self, name, int(getattr(self, name)))
         set_number(self, "random", 0.0, 1.0, label)
         set_array(self, "color", np.float64, (4,), label)
         set_properties(self, (4,), label)
@@ -187,6 +190,8 @@ class Instances:
     light_set : (i,) int32, the set of objects it belongs to, 0 to 62, which lights and emissive objects may light or
         not; None = 0
     receivers : (i,) int64, the sets that it lights where it shines, as bits: 1 << light_set; None = all
+    shadow_set : (i,) int32, the set of objects it belongs to, 0 to 62, which may shadow a light or not; None = 0
+    blockers : (i,) int64, the sets that shadow its light where it shines, as bits: 1 << shadow_set; None = all
     terminator_geometry, terminator_shading : (i,) float64, 0 to 1, Blender's offsets of the shadow terminator of smooth
         meshes; None = 0
     random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
@@ -203,6 +208,8 @@ class Instances:
     shadow_catcher: Any = None
     light_set: Any = None
     receivers: Any = None
+    shadow_set: Any = None
+    blockers: Any = None
     terminator_geometry: Any = None
     terminator_shading: Any = None
     properties: Mapping[str, Any] = field(default_factory=dict)
@@ -217,8 +224,8 @@ class Instances:
                 "Instances: world_from_object: expected (0, 0, 0, 1) as the last row of each matrix, "
                 f"got {matrices[row, 3].tolist()} at row {row}"
             )
-        properties = {"pass_index": np.int32, "holdout": np.bool_, "shadow_catcher": np.bool_, "light_set": np.int32}
-        for name, dtype in properties.items():
+        properties = {"pass_index": np.int32, "holdout": np.bool_, "shadow_catcher": np.bool_}
+        for name, dtype in (properties | dict.fromkeys(("light_set", "shadow_set"), np.int32)).items():
             if getattr(self, name) is None:
                 set_field(self, name, np.zeros(count, dtype=dtype))
             set_array(self, name, dtype, (count,), "Instances")
@@ -233,11 +240,12 @@ class Instances:
         if self.seen_by is not None:
             mask = set_array(self, "seen_by", np.int32, (count,), "Instances")
             require_range(mask, 0, SEEN_BY_ALL, "Instances: seen_by")
-        require_range(self.light_set, 0, SET_COUNT - 1, "Instances: light_set")
-        if self.receivers is None:
-            set_field(self, "receivers", np.full(count, ALL_SETS, dtype=np.int64))
-        receivers = set_array(self, "receivers", np.int64, (count,), "Instances")
-        require_range(receivers, 0, ALL_SETS, "Instances: receivers")
+        for name in ("light_set", "shadow_set"):
+            require_range(getattr(self, name), 0, SET_COUNT - 1, f"Instances: {name}")
+        for name in ("receivers", "blockers"):
+            if getattr(self, name) is None:
+                set_field(self, name, np.full(count, ALL_SETS, dtype=np.int64))
+            require_range(set_array(self, name, np.int64, (count,), "Instances"), 0, ALL_SETS, f"Instances: {name}")
 
     def __len__(self) -> int:
         return len(self.mesh)

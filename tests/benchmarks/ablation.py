@@ -85,6 +85,11 @@ FEATURES = {
         {},
         ("emitters.py", "emitter_density"),
     ),
+    "shadow linking": (
+        lambda: make_scene(lamp=raytracer.PointLight(**LIGHT, blockers=1)),
+        {},
+        ("ray_visibility.py", "cast_linked"),
+    ),
     "motion": (
         lambda: make_scene(motion=raytracer.Motion(raytracer.CameraMotion([CAMERA.world_from_camera, MOVED_CAMERA]))),
         {},

@@ -328,12 +328,6 @@ def test_limit_of_bounces_of_a_light_is_read(add_light: Callable[..., Any], scen
     assert not extraction.warnings
 
 
-def test_light_with_linked_shadows_is_named(add_light: Callable[..., Any], scene_with_camera: Any) -> None:
-    linking = add_light("POINT", energy=1).light_linking
-    linking.blocker_collection = bpy.data.collections.new("In the way")
-    assert ["shadow linking is not supported" in warning.text for warning in extract().warnings] == [True]
-
-
 def test_camera_without_depth_of_field_is_a_pinhole(scene_with_camera: Any) -> None:
     scene_with_camera.camera.data.dof.aperture_fstop = 0.5
     assert extract().scene.camera.aperture_radius == 0.0

@@ -1,4 +1,4 @@
-"""Which sets of objects lights and shining objects light: Blender's rules of receiver collections."""
+"""Which sets of objects lights and shining objects light, and are shadowed by: Blender's rules of the collections."""
 
 from typing import Any
 
@@ -36,11 +36,21 @@ def link(collection: Any, name: str, state: str = "INCLUDE") -> None:
 
 def find_lit(emitter: str = "Lamp") -> set[str]:
     """Return the names of the objects that a lamp or an object lights."""
+    return find_linked(emitter, "light_set", "receivers")
+
+
+def find_blocking(emitter: str = "Lamp") -> set[str]:
+    """Return the names of the objects that shadow the light of a lamp or an object."""
+    return find_linked(emitter, "shadow_set", "blockers")
+
+
+def find_linked(emitter: str, own: str, named: str) -> set[str]:
     extraction = extract_scene(bpy.context.evaluated_depsgraph_get())
+    assert not extraction.warnings
     names, instances = [key.name for key in extraction.objects], extraction.scene.instances
-    masks = {light.name: light.receivers for light in extraction.scene.lights}
-    masks.update(zip(names, instances.receivers.tolist(), strict=True))
-    sets = zip(names, instances.light_set.tolist(), strict=True)
+    masks = {light.name: getattr(light, named) for light in extraction.scene.lights}
+    masks.update(zip(names, getattr(instances, named).tolist(), strict=True))
+    sets = zip(names, getattr(instances, own).tolist(), strict=True)
     return {name for name, number in sets if masks[emitter] >> number & 1}
 
 
@@ -104,3 +114,16 @@ def test_links_that_change_are_read_again(linked: Any) -> None:
     assert find_lit() == {"A"}
     linked.collection_objects[0].light_linking.link_state = "EXCLUDE"
     assert find_lit() == {"B", "C", "D"}
+
+
+def test_blockers_are_read_as_receivers_are_and_apart_from_them(linked: Any) -> None:
+    blockers = bpy.data.collections.new("In the way")
+    bpy.data.objects["Lamp"].light_linking.blocker_collection = blockers
+    assert find_blocking() == set(NAMES)
+    link(blockers, "B", "EXCLUDE")
+    link(linked, "D")
+    assert find_blocking() == {"A", "C", "D"}
+    assert find_blocking("Other") == find_blocking("A") == set(NAMES)
+    assert find_lit() == {"D"}
+    link(blockers, "C")
+    assert find_blocking() == {"C"}
