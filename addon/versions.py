@@ -126,6 +126,11 @@ def has_simple_coats(version: tuple[int, ...] = VERSION) -> bool:
     return version < (4, 3)
 
 
+def lays_films_on_metals(version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where the thin film of a Principled BSDF lies on its metallic part as well: since 5.0."""
+    return version >= (5, 0)
+
+
 def count_passages(most: int, version: tuple[int, ...] = VERSION) -> int:
     """Return how many surfaces a path passes straight before its last, where with its shadow ray it may pass `most`:
     before 5.0 one more."""

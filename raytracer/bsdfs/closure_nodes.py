@@ -34,7 +34,7 @@ from raytracer.bsdfs.fresnel import (
     metal_slope,
     normal_reflectance,
 )
-from raytracer.bsdfs.lobes import Facets, make_lobes, read_grain, split_distributions, stretch_grain
+from raytracer.bsdfs.lobes import Facets, make_lobes, read_film, read_grain, split_distributions, stretch_grain
 from raytracer.bsdfs.microfacet import Microfacets
 from raytracer.bsdfs.principled import add_matte, add_principled
 
@@ -126,7 +126,7 @@ def _reflect_metal(
     white = np.ones_like(f0)
     weight = repeat_column(closures.weight)
     grain = stretch_grain(read_grain(closures, beckmann), closures, points)
-    facets = Facets(fresnel, f0, f82, white, 0.0 * white)
+    facets = Facets(fresnel, f0, f82, white, 0.0 * white, read_film(closures))
     return make_lobes(closures, points, weight, white[:, 0], facets, grain, mean_color=mean)
 
 
@@ -135,7 +135,8 @@ def _add_glass(closures: Closures, points: Points) -> Lobes:
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
         f0 = repeat_column(normal_reflectance(some.ior))
-        facets = Facets(DIELECTRIC, f0, 0.0 * f0, some.color, some.color)
+        film = read_film(some, where.find_outside_ior(some.ior))
+        facets = Facets(DIELECTRIC, f0, 0.0 * f0, some.color, some.color, film)
         weight, eta = repeat_column(some.weight), where.relative_ior(some.ior)
         lobes.append(make_lobes(some, where, weight, eta, facets, read_grain(some, beckmann), mean_color=some.color))
     return lobes

@@ -247,6 +247,10 @@ class Points:
         normal = tilt_to_reflect(self.find_normal(name), take_rows(self.shading.geometric_normal, self.rows), outgoing)
         return normal, dot(normal, outgoing)
 
+    def find_outside_ior(self, ior: Floats) -> Floats:
+        """Return the index of refraction before the surface, with 1 outside."""
+        return np.where(self.front, 1.0, ior)
+
     def relative_ior(self, ior: Floats) -> Floats:
         """Return the index of refraction behind the surface over that before it: 1 / ior from inside."""
         return np.where(self.front, ior, 1.0 / ior)

@@ -18,6 +18,7 @@ from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.fresnel import DIELECTRIC
 from raytracer.bsdfs.microfacet import Microfacets, evaluate_fresnel
 from raytracer.bsdfs.microfacet_albedo import read_schlick_share
+from raytracer.bsdfs.thin_film import THINNEST
 from raytracer.lecture import dot
 
 
@@ -41,6 +42,8 @@ def estimate_color(lobes: Microfacets, cosine: Floats, all_tabulated: bool = Fal
     """Return reflectance and transmittance (m, 3) of lobes seen at `cosine` (m,) from their normals."""
     reflectance, transmittance = evaluate_fresnel(lobes, cosine)
     is_tabulated = all_tabulated | (~lobes.is_perfect & ~any_column(lobes.transmission > 0))
+    if lobes.film is not None:
+        is_tabulated = is_tabulated & (lobes.film.thickness <= THINNEST)
     rows = np.flatnonzero((lobes.fresnel == DIELECTRIC) & is_tabulated)
     if len(rows):
         share = read_schlick_share(np.sqrt(lobes.alpha[rows]), cosine[rows], lobes.eta[rows])[:, np.newaxis]

@@ -20,6 +20,7 @@ from raytracer.bsdfs.distributions import Stretch, make_stretch, rotate
 from raytracer.bsdfs.fresnel import CONSTANT
 from raytracer.bsdfs.microfacet import Microfacets, evaluate_fresnel
 from raytracer.bsdfs.microfacet_albedo import compensate, read_glass, read_reflection
+from raytracer.bsdfs.thin_film import Film
 
 # Cycles' limit (bsdf_microfacet.h): with a relative index of refraction this close to 1 light passes straight on. The
 # half vector of refraction, eta i + o, is as short as |eta - 1| there, so that its direction would be off by eps /
@@ -43,6 +44,7 @@ class Facets:
     f82: Floats
     reflection: Floats
     transmission: Floats
+    film: Film | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -84,6 +86,18 @@ def stretch_grain(grain: Grain, closures: Closures, points: Points, glossy: bool
     aspect = np.where(np.abs(amount) <= SMALLEST_ANISOTROPY, 1.0, aspect)
     along, across = np.minimum(alpha * aspect, 1.0), np.minimum(alpha / aspect, 1.0)
     return Grain((along * across) ** 0.25, grain.multiscatter, grain.beckmann, along, across)
+
+
+def read_film(closures: Closures, outside: Floats | float = 1.0) -> Film | None:
+    """Return the thin films of closures, if they have any.
+
+    outside : (k,) index of refraction of the side that light comes from, over that outside. Light from within meets
+        the film as Cycles has it: all indices are divided by it, also that of the path through the film, which is too
+        short by that factor.
+    """
+    if not closures.uses("film_thickness"):
+        return None
+    return Film(closures.film_thickness, closures.film_ior / outside)
 
 
 def split_distributions(closures: Closures, points: Points) -> Iterator[tuple[Closures, Points, bool]]:
@@ -132,6 +146,7 @@ def make_lobes(
         energy_scale=np.ones(len(points.rows)),
         beckmann=grain.beckmann,
         stretch=_lay_stretch(closures, points, normal, grain),
+        film=facets.film,
     )
     scaled, energy_scale = weight.copy("K"), lobes.energy_scale
     returned = ~lobes.is_perfect & (grain.multiscatter > 0)

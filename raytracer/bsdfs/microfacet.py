@@ -44,6 +44,7 @@ from raytracer.bsdfs.fresnel import (
     schlick_share,
     transmitted_cosine,
 )
+from raytracer.bsdfs.thin_film import THINNEST, Film, film_reflectance
 from raytracer.lecture import dot
 
 # Cycles' limit: below it (squared alpha 2e-10) a lobe is a perfect mirror or clear glass.
@@ -68,6 +69,7 @@ class Microfacets:
         further bounces, 1 / E; 1 where that is left out
     beckmann : Beckmann's distribution instead of GGX
     stretch : None where no lobe is stretched
+    film : thin films on the facets; None where no lobe has any
     """
 
     hit: NDArray[np.int64]
@@ -84,6 +86,7 @@ class Microfacets:
     energy_scale: Floats
     beckmann: bool = False
     stretch: Stretch | None = None
+    film: Film | None = None
 
     def __len__(self) -> int:
         return len(self.hit)
@@ -92,7 +95,8 @@ class Microfacets:
         """Return some of the lobes: index or boolean array."""
         stretch = None if self.stretch is None else self.stretch.select(rows)
         fields: dict[str, Any] = {name: take_rows(getattr(self, name), rows) for name in ROW_FIELDS}
-        return dataclasses.replace(self, stretch=stretch, **fields)
+        film = None if self.film is None else self.film.select(rows)
+        return dataclasses.replace(self, stretch=stretch, film=film, **fields)
 
     @property
     def is_perfect(self) -> Booleans:
@@ -100,7 +104,8 @@ class Microfacets:
         return self.alpha <= SMALLEST_ALPHA
 
 
-ROW_FIELDS = tuple(item.name for item in dataclasses.fields(Microfacets) if item.name not in ("beckmann", "stretch"))
+SHARED_FIELDS = ("beckmann", "stretch", "film")
+ROW_FIELDS = tuple(item.name for item in dataclasses.fields(Microfacets) if item.name not in SHARED_FIELDS)
 
 
 def evaluate_fresnel(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats]:
@@ -117,6 +122,8 @@ def evaluate_fresnel(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats
         if len(rows):
             described = (take_rows(values, rows) for values in (lobes.f0, lobes.f82, lobes.eta))
             reflectance[rows] = _reflect_by_kind(kind, cosine[rows], *described)
+    if lobes.film is not None:
+        _lay_films(lobes, lobes.film, cosine, reflectance)
     if not lobes.transmission.any():
         return reflectance * lobes.reflection, make_zeros(len(lobes))
     passing = np.where(lobes.fresnel[:, np.newaxis] == CONSTANT, 1.0, 1.0 - reflectance)
@@ -131,6 +138,15 @@ def _reflect_by_kind(kind: int, cosine: Floats, f0: Floats, f82: Floats, eta: Fl
     if kind == DIELECTRIC:
         return f0 + (1.0 - f0) * schlick_share(cosine, eta)[:, np.newaxis]
     return conductor_reflectance(cosine[:, np.newaxis], f0, f82)
+
+
+def _lay_films(lobes: Microfacets, film: Film, cosine: Floats, reflectance: Floats) -> None:
+    """Put the reflectance of films (m, 3) where facets have any."""
+    for kind in (METAL, DIELECTRIC, CONDUCTOR):
+        rows = np.flatnonzero((lobes.fresnel == kind) & (film.thickness > THINNEST))
+        if len(rows):
+            described = (take_rows(values, rows) for values in (lobes.f0, lobes.f82, lobes.eta))
+            reflectance[rows] = film_reflectance(kind, cosine[rows], film.select(rows), *described)
 
 
 # The lobes -----------------------------------------------------------------------------------------------------------

@@ -26,9 +26,10 @@ from raytracer.bsdfs.fresnel import (
     schlick_share,
     transmitted_cosine,
 )
-from raytracer.bsdfs.lobes import Facets, Grain, make_lobes, read_grain, stretch_grain
-from raytracer.bsdfs.microfacet import Microfacets
+from raytracer.bsdfs.lobes import Facets, Grain, make_lobes, read_film, read_grain, stretch_grain
+from raytracer.bsdfs.microfacet import Microfacets, evaluate_fresnel
 from raytracer.bsdfs.microfacet_albedo import mean_dielectric_reflectance, read_reflection, read_schlick_share
+from raytracer.bsdfs.thin_film import THINNEST
 from raytracer.lecture import dot
 
 # Cycles drops closures of a smaller weight.
@@ -126,7 +127,8 @@ def _make_metal(closures: Closures, points: Points, weight: Floats) -> Microface
     f0 = np.minimum(some.color, 1.0)
     f82 = metal_coefficient(f0, np.minimum(some.specular_tint, 1.0))
     white = np.ones_like(f0)
-    facets = Facets(METAL, f0, f82, white, 0.0 * white)
+    film = None if closures.uses("bare_metal") else read_film(some)
+    facets = Facets(METAL, f0, f82, white, 0.0 * white, film)
     grain = stretch_grain(read_grain(some), some, where)
     return make_lobes(some, where, take_rows(weight, part), white[:, 0], facets, grain, mean_color=metal_mean(f0, f82))
 
@@ -137,7 +139,8 @@ def _make_glass(closures: Closures, points: Points, weight: Floats) -> Microface
     some, where = closures.select(part), points.select(part)
     tint = np.sqrt(np.minimum(some.color, 1.0))
     f0 = np.minimum(normal_reflectance(some.ior)[:, np.newaxis] * some.specular_tint, 1.0)
-    facets = Facets(DIELECTRIC, f0, 0.0 * f0, np.ones_like(f0), tint)
+    film = read_film(some, where.find_outside_ior(some.ior))
+    facets = Facets(DIELECTRIC, f0, 0.0 * f0, np.ones_like(f0), tint, film)
     return make_lobes(
         some, where, take_rows(weight, part), where.relative_ior(some.ior), facets, read_grain(some), tint
     )
@@ -146,13 +149,16 @@ def _make_glass(closures: Closures, points: Points, weight: Floats) -> Microface
 def _make_specular(closures: Closures, points: Points, weight: Floats) -> tuple[Microfacets, Floats]:
     """Return the dielectric reflection on top, and the weight (k, 3) left for what lies under it."""
     eta, f0 = _specular_level(closures.ior, closures.specular)
-    part = (eta != 1.0) & any_column(weight > 0)
+    film = read_film(closures)
+    reflects = eta != 1.0 if film is None else (eta != 1.0) | (film.thickness > THINNEST)
+    part = reflects & any_column(weight > 0)
     some, where = closures.select(part), points.select(part)
     plain, eta = take_rows(weight, part), eta[part]
     tinted = np.minimum(f0[part, np.newaxis] * some.specular_tint, 1.0)
     own = normal_reflectance(eta)
     rise = np.clip((mean_dielectric_reflectance(eta) - own) / (1.0 - own), 0.0, 1.0)[:, np.newaxis]
-    facets = Facets(DIELECTRIC, tinted, 0.0 * tinted, np.ones_like(tinted), 0.0 * tinted)
+    white = np.ones_like(tinted)
+    facets = Facets(DIELECTRIC, tinted, 0.0 * tinted, white, 0.0 * white, None if film is None else film.select(part))
     grain = stretch_grain(read_grain(some), some, where)
     lobes = make_lobes(some, where, plain, eta, facets, grain, mean_color=tinted + (1.0 - tinted) * rise)
     under = weight.copy("K")
@@ -188,7 +194,12 @@ def _layer_albedo(
     if len(rows):
         single[rows, 0] = read_reflection(grain.roughness[rows], cosine[rows])[0]
     further = np.divide(lobes.weight, weight, out=np.ones_like(weight), where=weight > 0)
-    return (lobes.f0 + (1.0 - lobes.f0) * share) * single * further
+    reflected = lobes.f0 + (1.0 - lobes.f0) * share
+    if lobes.film is not None:  # no mean over facets is known
+        reflected = np.where(
+            lobes.film.thickness[:, np.newaxis] > THINNEST, evaluate_fresnel(lobes, cosine)[0], reflected
+        )
+    return reflected * single * further
 
 
 def _specular_level(ior: Floats, level: Floats) -> tuple[Floats, Floats]:

@@ -38,6 +38,9 @@ CLOSURE_RANGES = {
     "subsurface_ior": (0.0, np.inf),
     # Sharper phase functions are as good as none (Cycles, kernel/closure/bssrdf.h).
     "subsurface_anisotropy": (-0.99, 0.99),
+    "film_thickness": (0.0, np.inf),
+    "film_ior": (float(np.nextafter(0.0, 1.0)), np.inf),
+    "bare_metal": (0.0, 1.0),
 }
 CLOSURE_KINDS = (
     *("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission"),
@@ -69,6 +72,8 @@ class Closure:
     subsurface_ior, subsurface_anisotropy : index of refraction by which light enters skin or a subsurface closure, mean
         cosine of scattering
     skin, similar : 1 for light that enters as through skin, for albedos inverted by similarity (`bsdfs.subsurface`)
+    film_thickness, film_ior : of a thin film on top, nanometres, and its index of refraction; 0 nanometres are none
+    bare_metal : 1 leaves the film off the metallic part of a principled closure
     simple_coat : 1 gives no light lost between a coat's facets back, and dims what is under it as a smooth one would
     anisotropy, rotation : how far highlights are stretched along the tangent; which turns, in rounds
     normal, coat_normal : world space, any length, on the side that the ray comes from; None = the surface's
@@ -108,6 +113,9 @@ class Closure:
     subsurface_anisotropy: Any = 0.0
     skin: Any = 0.0
     similar: Any = 0.0
+    film_thickness: Any = 0.0
+    film_ior: Any = 1.33
+    bare_metal: Any = 0.0
     distribution: str = "ggx"
     normal: Any = None
     coat_normal: Any = None

@@ -80,6 +80,11 @@ FEATURES = {
         {},
         ("random_walk.py", "take_step"),
     ),
+    "thin film": (
+        lambda: make_scene(raytracer.Closure("principled", film_thickness=400.0)),
+        {},
+        ("thin_film.py", "interfere"),
+    ),
     "emission": (
         lambda: make_scene(raytracer.Closure("emission", color=0.5)),
         {},

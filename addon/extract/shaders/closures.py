@@ -33,9 +33,7 @@ STAND_IN_COLORS = {
 
 # Inputs that change the picture and that we do not honour, by node.
 UNSUPPORTED_INPUTS = {
-    "BSDF_PRINCIPLED": ("Thin Film Thickness", "Thin Wall"),
-    "BSDF_GLASS": ("Thin Film Thickness",),
-    "BSDF_METALLIC": ("Thin Film Thickness",),
+    "BSDF_PRINCIPLED": ("Thin Wall",),
 }
 
 
@@ -130,7 +128,9 @@ def read_principled(inputs: NodeInputs) -> Fields:
         fields["anisotropy"] = inputs.number("Anisotropic", high=1.0)
         fields["rotation"] = inputs.number("Anisotropic Rotation", low=-np.inf)
         fields["tangent"] = inputs.tangent("Anisotropic")
-    fields |= read_layers(inputs)
+    fields |= read_layers(inputs) | read_film(inputs)
+    if inputs.is_used("Thin Film Thickness"):
+        fields["bare_metal"] = float(not versions.lays_films_on_metals())
     if inputs.is_used("Subsurface Weight"):
         fields["subsurface"] = inputs.number("Subsurface Weight", high=1.0)
         fields |= read_walk(inputs, inputs.node.subsurface_method, "Subsurface ")
@@ -192,6 +192,16 @@ def read_layers(inputs: NodeInputs) -> Fields:
     return fields
 
 
+def read_film(inputs: NodeInputs) -> Fields:
+    """Return the thin film on top, where there is one."""
+    if not inputs.is_used("Thin Film Thickness"):  # Glass and Metallic BSDF have none in Blender 4.2
+        return {}
+    return {
+        "film_thickness": inputs.number("Thin Film Thickness"),
+        "film_ior": inputs.limited("Thin Film IOR", SMALLEST_IOR, LARGEST_IOR),
+    }
+
+
 def read_diffuse(inputs: NodeInputs) -> Fields:
     fields = {"kind": "diffuse", "color": inputs.color("Color"), "normal": inputs.normal()}
     if inputs.is_used("Roughness"):
@@ -228,11 +238,11 @@ def read_metallic(inputs: NodeInputs) -> Fields:
         fields |= {"kind": "metal", "color": inputs.color("Base Color"), "specular_tint": inputs.color("Edge Tint")}
     else:
         fields |= {"kind": "conductor", "color": inputs.color("IOR"), "extinction": inputs.color("Extinction")}
-    return fields | read_anisotropy(inputs)
+    return fields | read_anisotropy(inputs) | read_film(inputs)
 
 
 def read_dielectric(inputs: NodeInputs) -> Fields:
-    return {
+    fields = {
         "kind": "glass" if inputs.node.type == "BSDF_GLASS" else "refraction",
         "color": inputs.color("Color"),
         "roughness": inputs.number("Roughness", high=1.0),
@@ -240,6 +250,7 @@ def read_dielectric(inputs: NodeInputs) -> Fields:
         "normal": inputs.normal(),
         **inputs.facets(),
     }
+    return fields | read_film(inputs)
 
 
 def read_translucent(inputs: NodeInputs) -> Fields:

@@ -16,6 +16,7 @@ import numpy as np
 from raytracer.arrays.vectors import transform
 from raytracer.lecture import dot
 from raytracer.shading.nodes.operation import Array, Operation
+from raytracer.textures.color_matching import RGB_FROM_XYZ
 from raytracer.textures.sky_spectra import COLOR_MATCHING
 
 # Metres: of the rows of COLOR_MATCHING.
@@ -24,13 +25,6 @@ WAVELENGTHS = 1e-9 * np.linspace(380.0, 780.0, len(COLOR_MATCHING))
 SECOND_RADIATION_CONSTANT = 1.438776877e-2
 # Cycles' colors change from the first to the second, kelvin.
 COLDEST, HOTTEST = 800.0, 12000.0
-RGB_FROM_XYZ = np.array(
-    [
-        (3.2404542, -1.5371385, -0.4985314),
-        (-0.9692660, 1.8760108, 0.0415560),
-        (0.0556434, -0.2040259, 1.0572252),
-    ]
-)
 
 
 def find_blackbody_color(temperature: Any) -> Array:

@@ -2,33 +2,21 @@
 
 References
 ----------
-CIE 1931 standard colorimetric observer, steps of 5 nm, to four digits.
 Blender, intern/cycles/kernel/svm/wavelength.h: linear between them, and the scale.
 """
 
 from __future__ import annotations
 
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import transform
-from raytracer.shading.nodes.blackbody import RGB_FROM_XYZ
 from raytracer.shading.nodes.operation import Array, Operation
+from raytracer.textures.color_matching import RGB_FROM_XYZ, SHORTEST, STEP, read_color_matching
 
-DATA = Path(__file__).with_name("color_matching.txt")
-SHORTEST, STEP = 380.0, 5.0  # nanometres, of the table's rows
 # Brings all colors to 1 at most.
 SCALE = 1.0 / 2.52
-
-
-@cache
-def read_color_matching() -> Floats:
-    """Return (81, 3) the observer's X, Y and Z."""
-    return np.loadtxt(DATA)
 
 
 def find_wavelength_color(wavelength: Any) -> Array:

@@ -88,6 +88,19 @@ if VERSION >= (4, 3):
         "conductor": node("Metallic", "Roughness", "Edge Tint", fresnel_type="PHYSICAL_CONDUCTOR"),
     }
 
+FILM = {"Thin_Film_Thickness": 420.0, "Thin_Film_IOR": 1.6}
+if VERSION >= (5, 0):  # older ones have films on dielectrics alone, and fits of the eye's curves instead of the curves
+    FURNACE |= {
+        "film": principled(**FILM),
+        "film tinted": principled(Specular_Tint=TINT, IOR=1.8, Thin_Film_Thickness=250.0),
+        "film on its own": principled(IOR=1.0, **FILM),
+        "film on metal": principled(Metallic=1.0, Specular_Tint=TINT, **FILM),
+        "film on transmission": principled(Transmission_Weight=1.0, IOR=1.45, **FILM),
+        "film on glass": node("Glass", IOR=1.45, Thin_Film_Thickness=900.0),
+        "film on metallic": metallic(Edge_Tint=TINT, **FILM),
+        "film on conductor": node("Metallic", "Roughness", "Edge Tint", fresnel_type="PHYSICAL_CONDUCTOR", **FILM),
+    }
+
 
 class Furnace(NamedTuple):
     """Mean colors (closures, roughnesses, 3) of both engines, and ours' and Cycles' standard errors."""

@@ -78,6 +78,8 @@ if VERSION >= (4, 3):
         "metallic": metallic(Roughness=0.3, Edge_Tint=TINT, Anisotropy=0.5),
         "conductor": metallic(Roughness=0.3, fresnel_type="PHYSICAL_CONDUCTOR"),
     }
+if VERSION >= (5, 0):
+    BALLS |= {"film on glass": node("Glass", Roughness=0.2, IOR=1.5, Thin_Film_Thickness=500.0)}
 QUICK = ("rough diffuse", "beckmann", "stretched", "sheen", "coat")
 
 
