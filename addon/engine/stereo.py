@@ -35,10 +35,27 @@ def look_from_view(engine: Any, view: str, scene: Any, traced: raytracer.Scene) 
     camera = read_camera(seen_from, scene.render, WarningList()) if seen_from != scene.camera else traced.camera
     assert camera is not None
     if seen_from.type == "CAMERA":
-        matrix = np.array(engine.camera_model_matrix(seen_from), dtype=np.float64)
+        panorama = camera.panorama
+        turns = panorama is not None and engine.use_spherical_stereo(seen_from)
+        matrix = np.array(engine.camera_model_matrix(seen_from, use_spherical_stereo=turns), dtype=np.float64)
         shift = float(engine.camera_shift_x(seen_from))
         camera = replace(camera, world_from_camera=remove_scale(matrix, seen_from.name), shift_x=shift)
+        if panorama is not None and turns:
+            camera = replace(camera, panorama=replace(panorama, **read_eye(seen_from.data.stereo, view)))
     return replace(traced, camera=camera)
+
+
+def read_eye(stereo: Any, view: str) -> dict[str, Any]:
+    """Return the fields of a Panorama whose eye turns with the direction it looks in; views but of two eyes have none.
+
+    References: intern/cycles/blender/camera.cpp, scene/camera.cpp (kcam->interocular_offset).
+    """
+    fields: dict[str, Any] = {"eye_offset": {"left": -0.5, "right": 0.5}.get(view, 0.0) * stereo.interocular_distance}
+    if stereo.convergence_mode != "PARALLEL":
+        fields["convergence"] = stereo.convergence_distance
+    if stereo.use_pole_merge:
+        fields["pole_merge"] = (stereo.pole_merge_angle_from, stereo.pole_merge_angle_to)
+    return fields
 
 
 def find_camera(scene: Any, view: str) -> Any:
@@ -55,12 +72,10 @@ def find_camera(scene: Any, view: str) -> Any:
 
 
 def find_unsupported(scene: Any) -> list[Warning]:
-    """Return a warning where a panorama asks for eyes that turn with the direction they look in."""
+    """Return a warning where a camera without a panorama asks for eyes that turn with the direction they look in."""
     camera = scene.camera
-    if not scene.render.use_multiview or camera is None or camera.type != "CAMERA" or camera.data.type != "PANO":
+    if not scene.render.use_multiview or camera is None or camera.type != "CAMERA" or camera.data.type != "PERSP":
         return []
     if not camera.data.stereo.use_spherical_stereo:
         return []
-    return [
-        Warning("Spherical Stereo is not supported: both eyes keep their places, whatever they look at", camera.name)
-    ]
+    return [Warning("Spherical Stereo is supported for panoramas only: both eyes keep their places", camera.name)]

@@ -20,7 +20,13 @@ import numpy as np
 
 from raytracer.arrays.types import Floats
 from raytracer.casting.rays import Rays
-from raytracer.film.panorama import find_directions, find_on_panorama, normalize_exactly, require_panorama
+from raytracer.film.panorama import (
+    find_directions,
+    find_on_panorama,
+    normalize_exactly,
+    place_eye,
+    require_panorama,
+)
 from raytracer.film.sensor import choose_sensor_side, measure_fitted_side
 from raytracer.lecture import dot, line_through
 from raytracer.sampling.warps import sample_disk
@@ -84,6 +90,9 @@ def panoramic_rays(camera: Camera, directions: Floats, lens: Floats | None) -> R
         place = sample_aperture(camera, lens)
         origins = (place[:, :1] * first + place[:, 1:] * second) * seen[:, np.newaxis]
         directions = normalize_exactly(directions * camera.focus_distance - origins)
+    if require_panorama(camera).eye_offset:
+        eye, directions = place_eye(require_panorama(camera), directions)
+        origins = origins + eye
     rays = place_rays(camera, origins, directions)
     return replace(rays, directions=normalize_exactly(rays.directions))
 

@@ -54,6 +54,23 @@ def find_on_panorama(camera: Camera, width: int, height: int, points: Floats) ->
     return (u - camera.shift_x) / panorama.span[0] * width, (v - camera.shift_y) / panorama.span[1] * height
 
 
+def place_eye(panorama: Panorama, directions: Floats) -> tuple[Floats, Floats]:
+    """Return where an eye stands, (n, 3) of camera space, for unit directions (n, 3) that a camera shows, and the
+    directions (n, 3), unit, in which it looks: to the right of each direction, at the camera's height.
+
+    With the direction d and the eye's place e the eye looks along f d - e, at a distance f of convergence. From the
+    first altitude of `pole_merge` on, the offset falls with a cosine to 0 at the second, as in Cycles.
+    """
+    side = np.stack([-directions[:, 2], np.zeros(len(directions)), directions[:, 0]], axis=1)
+    first, last = panorama.pole_merge
+    altitude = np.abs(np.arcsin(np.clip(directions[:, 1], -1.0, 1.0)))
+    share = np.clip((altitude - first) / (last - first), 0.0, 1.0) if last > first else (altitude > last) * 1.0
+    eye = panorama.eye_offset * np.cos(share * np.pi / 2)[:, np.newaxis] * normalize_exactly(side)
+    if np.isinf(panorama.convergence):
+        return eye, directions
+    return eye, normalize_exactly(panorama.convergence * directions - eye)
+
+
 def require_panorama(camera: Camera) -> Panorama:
     """Return the panorama of a camera that is known to have one."""
     assert camera.panorama is not None

@@ -31,6 +31,9 @@ class Panorama:
     polynomial : the five coefficients of a polynomial lens, radians per mm^k
     cylinder : longitudes at left and right, heights at the lower and upper edge of a cylinder of radius 1
     span : width and height of the picture in those of the whole panorama: a viewport shows more or less than that
+    eye_offset : metres from the camera to the right, where an eye that turns with its direction stands; 0 for none
+    convergence : metres at which eyes look at the same point as the camera; inf for eyes that look in parallel
+    pole_merge : radians, altitudes between which the eye comes to the camera's place
     """
 
     kind: str = "equirectangular"
@@ -41,17 +44,31 @@ class Panorama:
     polynomial: tuple[float, ...] = (0.0, -0.02, 0.0, 0.0, 0.0)
     cylinder: tuple[float, ...] = (-np.pi, np.pi, -1.0, 1.0)
     span: tuple[float, float] = (1.0, 1.0)
+    eye_offset: float = 0.0
+    convergence: float = np.inf
+    pole_merge: tuple[float, float] = (np.pi / 2, np.pi / 2)
 
     def __post_init__(self) -> None:
         tiny = np.nextafter(0.0, 1.0)
         require_choice(self.kind, PANORAMAS, "Panorama: kind")
         for name in ("field_of_view", "lens"):
             set_number(self, name, tiny, np.inf, "Panorama")
-        for name, count in (("longitude", 2), ("latitude", 2), ("polynomial", 5), ("cylinder", 4), ("span", 2)):
+        for name, count in (
+            ("longitude", 2),
+            ("latitude", 2),
+            ("polynomial", 5),
+            ("cylinder", 4),
+            ("span", 2),
+            ("pole_merge", 2),
+        ):
             values = as_array(getattr(self, name), np.float64, (count,), f"Panorama: {name}")
             require_range(values, -LARGEST, LARGEST, f"Panorama: {name}")
             set_field(self, name, tuple(values.tolist()))
         require_range(np.array(self.span), tiny, np.inf, "Panorama: span")
+        set_number(self, "eye_offset", -LARGEST, LARGEST, "Panorama")
+        convergence = as_array(self.convergence, np.float64, (), "Panorama: convergence")
+        require_range(convergence, tiny, np.inf, "Panorama: convergence")
+        set_field(self, "convergence", float(convergence))
 
 
 @dataclass(frozen=True, eq=False)

@@ -114,8 +114,7 @@ def test_each_view_has_its_own_checkpoint(stage: Any) -> None:
     assert list_files(stage) == []
 
 
-def test_spherical_stereo_is_warned_of(stage: Any, tmp_path: Path) -> None:
-    stage.camera.data.type = "PANO"
+def test_spherical_stereo_without_a_panorama_is_warned_of(stage: Any, tmp_path: Path) -> None:
     stage.camera.data.stereo.use_spherical_stereo = True
     render_views(stage, tmp_path)
     taken = last_render(stage)

@@ -11,7 +11,7 @@ import pytest
 
 import raytracer
 from raytracer.film.camera import find_on_film, primary_rays
-from raytracer.film.panorama import PROJECTIONS, find_directions, normalize_exactly
+from raytracer.film.panorama import PROJECTIONS, find_directions, normalize_exactly, place_eye
 from raytracer.rendering.progressive import coarsen
 from raytracer.scene.camera import PANORAMAS, Camera, Panorama
 
@@ -208,3 +208,48 @@ def test_panoramic_camera_leaves_and_enters_a_file(tmp_path: Any) -> None:
     assert (panorama.kind, panorama.polynomial, panorama.field_of_view) == (
         "fisheye_polynomial", (0.1, -0.05, 0.01, 0.0, 0.0), 2.5,
     )  # fmt: skip
+
+
+# Eyes that turn with the direction they look in ----------------------------------------------------------------------
+
+
+def look_with_eyes(offset=0.3, **fields):
+    """Return the rays of an equirectangular picture without an eye's offset, and with it."""
+    x, y = (values.ravel() for values in np.meshgrid(np.linspace(0.5, 31.5, 32), np.linspace(0.5, 15.5, 16)))
+    panoramas = (raytracer.Panorama(), raytracer.Panorama(eye_offset=offset, **fields))
+    return [
+        primary_rays(raytracer.Camera(np.eye(4), projection="panorama", panorama=panorama), 32, 16, x, y)
+        for panorama in panoramas
+    ]
+
+
+def test_an_eye_stands_beside_the_camera_square_to_what_it_looks_at():
+    middle, eye = look_with_eyes()
+    np.testing.assert_array_equal(eye.directions, middle.directions)
+    np.testing.assert_allclose(np.linalg.norm(eye.origins, axis=1), 0.3, rtol=1e-14)
+    np.testing.assert_array_equal(eye.origins[:, 1], 0.0)
+    np.testing.assert_allclose((eye.origins * middle.directions).sum(axis=1), 0.0, atol=1e-15)
+    ahead = np.argmin(middle.directions[:, 2])
+    assert eye.origins[ahead, 0] > 0.29
+
+
+def test_eyes_that_converge_look_at_the_point_at_that_distance():
+    middle, eye = look_with_eyes(convergence=2.0)
+    distance = np.sqrt(2.0**2 + 0.3**2)
+    np.testing.assert_allclose(eye.origins + distance * eye.directions, 2.0 * middle.directions, atol=1e-14)
+
+
+def test_towards_the_poles_eyes_come_to_the_cameras_place():
+    middle, eye = look_with_eyes(pole_merge=(0.4, 1.0))
+    altitude = np.abs(np.arcsin(middle.directions[:, 1]))
+    offset = np.linalg.norm(eye.origins, axis=1)
+    np.testing.assert_allclose(offset[altitude < 0.4], 0.3, rtol=1e-14)
+    np.testing.assert_allclose(offset[altitude > 1.0], 0.0, atol=1e-16)
+    between = (altitude > 0.4) & (altitude < 1.0)
+    np.testing.assert_allclose(offset[between], 0.3 * np.cos((altitude[between] - 0.4) / 0.6 * np.pi / 2), rtol=1e-12)
+
+
+def test_straight_up_an_eye_has_no_side():
+    eye, direction = place_eye(raytracer.Panorama(eye_offset=0.3, convergence=2.0), np.array([[0.0, 1.0, 0.0]]))
+    np.testing.assert_array_equal(eye, np.zeros((1, 3)))
+    np.testing.assert_array_equal(direction, [[0.0, 1.0, 0.0]])
