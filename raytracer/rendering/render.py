@@ -201,7 +201,7 @@ def check_even_counts(film: Film) -> None:
     """Raise ValueError unless all pixels of a film have as many samples as it has finished sweeps, and the first ones
     those of the next: not so where tiles were ended by an error, and merged."""
     counts = film.arrays[COUNTS].sum(axis=1)
-    counts[: film.ahead] -= 1
+    counts[: film.ahead] -= film.ahead_samples
     if (counts != film.samples).any():
         raise ValueError(
             f"{film.label or 'film'} cannot go on: its tiles were ended at different numbers of samples; let them go "
