@@ -1,8 +1,9 @@
 """Pictures and rays on a Dask cluster.
 
-`render(..., workers=DaskPool(client))` moves the scene once, and every sample of every pixel back: good for a few tens
-of workers on a quick network. `render_on` moves a tile's film back once: 32 bytes for each pixel of Combined, however
-many samples it has. Workers are lost and come back as they like: the bits are the same.
+`render(..., workers=DaskPool(client))` moves the scene once, and every sample of every pixel back, or from some workers
+on sums of several (`block_plan.GATHERED`): good for some tens of workers on a quick network. `render_on` moves a tile's
+film back once: some 70 bytes for each pixel of Combined, however many samples it has. Workers are lost and come back as
+they like: the bits are the same.
 """
 
 from __future__ import annotations
