@@ -21,7 +21,7 @@ from raytracer.scene.camera import Camera, Panorama
 from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
-from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion
+from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion, SpheresMotion
 from raytracer.scene.programs import Aovs, Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_file import load, save
@@ -54,6 +54,7 @@ __all__ = [
     "Scene",
     "Settings",
     "Spheres",
+    "SpheresMotion",
     "SpotLight",
     "Step",
     "SunLight",

@@ -26,7 +26,7 @@ from raytracer.film.camera import measure_film_extent
 
 from .. import versions
 from .camera import read_camera
-from .meshes import read_array, read_attribute, read_corners
+from .meshes import Points, read_array, read_attribute, read_corners
 from .warnings import WarningList
 
 # Cycles takes no more steps of an object, and evaluates the shutter's curve so often.
@@ -77,12 +77,22 @@ class Track:
     shapes: dict[float, tuple[NDArray[Any], NDArray[Any] | None]] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class PlacedPoints:
+    """A point cloud: the placement that it is, its points in its own space, and the matrix (4, 4) that places them."""
+
+    row: int
+    points: Points
+    world_from_object: NDArray[np.float64]
+
+
 @dataclass
 class Tracks:
     """The instances of one extraction that may move.
 
     steps : of all; None takes those of each object, and leaves out those that shall not be blurred
     keys : of each placement, or None; rows : the placement that each of the scene's instances is
+    groups : what the scene's groups of spheres are
     """
 
     scene: Any
@@ -91,6 +101,7 @@ class Tracks:
     tracks: dict[TrackKey, Track] = field(default_factory=dict)
     keys: list[TrackKey | None] = field(default_factory=list)
     rows: tuple[int, ...] = ()
+    groups: tuple[PlacedPoints, ...] = ()
     undisplaced: tuple[raytracer.Mesh, ...] = ()
     deforming: set[int] = field(default_factory=set)
 
@@ -235,15 +246,14 @@ def read_motion(
             cameras[time] = read_camera(camera.evaluated_get(depsgraph), depsgraph.scene_eval.render, WarningList())
     moving = make_camera_motion([cameras[time] for time in camera_times])
     instances, meshes = make_instance_motion(tracks, scene), make_mesh_motion(tracks, scene)
+    spheres = [] if tracks.steps is not None else make_spheres_motion(tracks)
     warn_points(tracks, warnings)
-    if not (moving or instances or meshes):
+    if not (moving or instances or meshes or spheres):
         return None
     if tracks.steps is not None:
         return raytracer.Motion(moving, instances, meshes)
-    render = depsgraph.scene.render
-    return raytracer.Motion(
-        moving, instances, meshes, read_curve(render), versions.read_rolling_shutter(depsgraph.scene)
-    )
+    shutter_curve, rolling = read_curve(depsgraph.scene.render), versions.read_rolling_shutter(depsgraph.scene)
+    return raytracer.Motion(moving, instances, meshes, spheres, shutter_curve, rolling)
 
 
 def make_camera_motion(cameras: list[Any]) -> raytracer.CameraMotion | None:
@@ -276,6 +286,20 @@ def make_instance_motion(tracks: Tracks, scene: raytracer.Scene) -> list[raytrac
     return [
         raytracer.InstanceMotion(numbers, np.swapaxes(np.array(found), 0, 1)) for numbers, found in by_steps.values()
     ]
+
+
+def make_spheres_motion(tracks: Tracks) -> list[raytracer.SpheresMotion]:
+    """Return the motion of the point clouds that move; a step at which one is not there is as the middle."""
+    motion = []
+    for number, group in enumerate(tracks.groups):
+        key, middle = tracks.keys[group.row], group.world_from_object
+        if key is None:
+            continue
+        track = tracks.tracks[key]
+        matrices = [track.matrices.get(time, middle) for time in list_times(track.steps)]
+        if any((matrix != middle).any() for matrix in matrices):
+            motion.append(raytracer.SpheresMotion(number, group.points.centres, group.points.radii, matrices))
+    return motion
 
 
 def make_mesh_motion(tracks: Tracks, scene: raytracer.Scene) -> list[raytracer.MeshMotion]:
@@ -317,8 +341,12 @@ def has_shape(shape: tuple[Any, Any], middle: tuple[Any, Any]) -> bool:
 
 
 def warn_points(tracks: Tracks, warnings: WarningList) -> None:
-    """Name point clouds that move."""
+    """Name point clouds that change their shape, or move in the Vector pass."""
     for track in tracks.tracks.values():
         matrices = list(track.matrices.values())
-        if not track.is_mesh and (track.deforms or any((matrix != matrices[0]).any() for matrix in matrices)):
-            warnings.add("motion blur of point clouds is not supported: its points stand still", track.name)
+        if track.is_mesh:
+            continue
+        if track.deforms:
+            warnings.add("motion blur of point clouds that change their shape is not supported", track.name)
+        if tracks.steps is not None and any((matrix != matrices[0]).any() for matrix in matrices):
+            warnings.add("the Vector pass of point clouds is not supported: its points stand still", track.name)

@@ -16,6 +16,7 @@ from .instance_order import Shapes, Traits, order_instances
 from .instances import ObjectEntry, ObjectKey, Placements
 from .lights import extract_light
 from .linking import LinkSets, make_link_sets
+from .motion import PlacedPoints
 from .warnings import WarningList
 
 # Rounding that a product of float32 matrices may leave between axes of equal length: a few parts in 2^24.
@@ -27,7 +28,7 @@ class Placed:
     """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres.
 
     objects : of those, light_objects : of the lights
-    rows : the placements that the instances are
+    rows : the placements that the instances are; groups : what the spheres are
     """
 
     instances: raytracer.Instances
@@ -36,6 +37,7 @@ class Placed:
     objects: tuple[ObjectKey, ...]
     light_objects: tuple[ObjectKey, ...]
     rows: tuple[int, ...]
+    groups: tuple[PlacedPoints, ...]
 
 
 def place_parts(
@@ -54,7 +56,7 @@ def place_parts(
     finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
     links = make_link_sets(placements.links, warnings)
     meshes: list[int] = []
-    spheres, lights, sphere_objects, light_objects = [], [], [], []
+    spheres, groups, lights, sphere_objects, light_objects = [], [], [], [], []
     for row, index in enumerate(placements.part):
         part = placements.parts[index]
         if not finite[row]:
@@ -65,6 +67,7 @@ def place_parts(
             info: dict[str, Any] = {"random": placements.random[row], "color": part.color} if with_info else {}
             group = place_points(part, matrices[row], warnings)
             spheres.append(replace(group, properties=placements.properties[row], **info, **vars(links[index])))
+            groups.append(PlacedPoints(row, part.points, matrices[row]))
             sphere_objects.append(part.object)
         elif (light := _place_light(placements, row, matrices[row], warnings)) is not None:
             lights.append(replace(light, receivers=links[index].receivers, blockers=links[index].blockers))
@@ -87,7 +90,8 @@ def place_parts(
         properties=_gather_properties([placements.properties[row] for row in meshes]),
     )
     objects = (*(part.object for part in parts), *sphere_objects)
-    return Placed(instances, tuple(spheres), tuple(lights), objects, tuple(light_objects), tuple(meshes))
+    records = instances, tuple(spheres), tuple(lights)
+    return Placed(*records, objects, tuple(light_objects), tuple(meshes), tuple(groups))
 
 
 def _gather_links(links: list[LinkSets]) -> dict[str, NDArray[Any]]:

@@ -142,7 +142,7 @@ def _extract_scene(
         shapes = Shapes(meshes.records, extents, materials.records)
     placed = place_parts(placements, warnings, with_info, shapes)
     if tracks is not None:
-        tracks.rows, tracks.undisplaced = placed.rows, tuple(meshes.records)
+        tracks.rows, tracks.groups, tracks.undisplaced = placed.rows, placed.groups, tuple(meshes.records)
     records = meshes.records
     if materials is not None and materials.displacements:
         records, displaced = displace_meshes(records, placed.instances, materials.displacements, last.displaced)

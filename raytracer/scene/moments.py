@@ -2,7 +2,7 @@
 
 The true triangle at a time has corners that are interpolated in float64 as `rigid_motion.interpolate` says, and placed
 by an interpolated matrix like any instance's: for these, hits are as exact as for what stands still. Normals are
-interpolated likewise, as in Cycles; lights and groups of spheres stay where they are.
+interpolated likewise, as in Cycles; lights stay where they are.
 
 References
 ----------
@@ -14,12 +14,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from raytracer.arrays.types import Floats
+from raytracer.arrays.vectors import transform
 from raytracer.scene.camera import Camera
-from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion
+from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion, SpheresMotion
 from raytracer.scene.rigid_motion import find_step, interpolate, interpolate_matrices
 from raytracer.scene.scene import Scene
-from raytracer.scene.shapes import Instances, Mesh
+from raytracer.scene.shapes import Instances, Mesh, Spheres
 
 
 def find_moment(scene: Scene, time: float) -> Scene:
@@ -39,12 +42,17 @@ def find_moment(scene: Scene, time: float) -> Scene:
     meshes = list(scene.meshes)
     for part in motion.meshes:
         meshes[part.mesh] = deform_mesh(meshes[part.mesh], part, time)
-    return replace(scene, meshes=meshes, instances=instances, camera=camera, motion=None, neighbors=None)
+    spheres = list(scene.spheres)
+    for group in motion.spheres:
+        spheres[group.group] = move_spheres(spheres[group.group], group, time)
+    return replace(
+        scene, meshes=meshes, spheres=spheres, instances=instances, camera=camera, motion=None, neighbors=None
+    )
 
 
 def moves_geometry(motion: Motion) -> bool:
     """Return whether more moves than the camera."""
-    return bool(motion.instances or motion.meshes)
+    return bool(motion.instances or motion.meshes or motion.spheres)
 
 
 def move_camera(camera: Camera, motion: CameraMotion, time: float) -> Camera:
@@ -68,6 +76,13 @@ def deform_mesh(mesh: Mesh, motion: MeshMotion, time: float) -> Mesh:
     """Return a mesh at a time."""
     normals = None if motion.normals is None else _interpolate_steps(motion.normals, time)
     return replace(mesh, positions=_interpolate_steps(motion.positions, time), normals=normals)
+
+
+def move_spheres(spheres: Spheres, motion: SpheresMotion, time: float) -> Spheres:
+    """Return a group of spheres at a time."""
+    matrix = interpolate_matrices(motion.world_from_object[:, None], time)[0]
+    centres = transform(matrix[:3, :3], motion.centres) + matrix[:3, 3]
+    return replace(spheres, centres=centres, radii=motion.radii * abs(np.linalg.det(matrix[:3, :3])) ** (1 / 3))
 
 
 def _interpolate_steps(steps: Floats, time: float) -> Floats:

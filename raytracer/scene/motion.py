@@ -14,7 +14,7 @@ import numpy as np
 
 from raytracer.arrays.checks import require_range
 from raytracer.scene.fields import LARGEST, make_records, set_array, set_count, set_field, set_number
-from raytracer.scene.shapes import Instances, Mesh
+from raytracer.scene.shapes import Instances, Mesh, Spheres
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +78,28 @@ class MeshMotion:
 
 
 @dataclass(frozen=True, eq=False)
+class SpheresMotion:
+    """The places of a group of spheres that moves as a whole.
+
+    group : int, which of the scene's
+    centres, radii : (s, 3) and (s,) float64, of its object
+    world_from_object : (steps, 4, 4) float64, affine; radii are scaled by the cube root of its determinant
+    """
+
+    group: int
+    centres: Any
+    radii: Any
+    world_from_object: Any
+
+    def __post_init__(self) -> None:
+        set_count(self, "group", "SpheresMotion")
+        count = len(set_array(self, "centres", np.float64, ("s", 3), "SpheresMotion"))
+        radii = set_array(self, "radii", np.float64, (count,), "SpheresMotion")
+        require_range(radii, np.nextafter(0.0, 1.0), np.inf, "SpheresMotion: radii")
+        _set_matrices(self, "world_from_object", ("s", 4, 4), "SpheresMotion")
+
+
+@dataclass(frozen=True, eq=False)
 class Motion:
     """All that moves, and how the shutter opens and closes.
 
@@ -89,13 +111,14 @@ class Motion:
     camera: CameraMotion | None = None
     instances: Any = ()
     meshes: Any = ()
+    spheres: Any = ()
     shutter: Any = None
     rolling_shutter: float | None = None
 
     def __post_init__(self) -> None:
         if self.camera is not None and not isinstance(self.camera, CameraMotion):
             raise ValueError(f"Motion: camera: expected CameraMotion or None, got {type(self.camera).__name__}")
-        for name, kind in (("instances", InstanceMotion), ("meshes", MeshMotion)):
+        for name, kind in (("instances", InstanceMotion), ("meshes", MeshMotion), ("spheres", SpheresMotion)):
             set_field(self, name, make_records(getattr(self, name), kind, f"Motion: {name}"))
         if self.shutter is not None:
             shutter = set_array(self, "shutter", np.float64, ("k",), "Motion")
@@ -106,8 +129,16 @@ class Motion:
             set_number(self, "rolling_shutter", 0.0, 1.0, "Motion")
 
 
-def require_fitting(motion: Motion, instances: Instances | None, meshes: Sequence[Mesh]) -> None:
-    """Raise ValueError unless what moves is in the scene, and mesh for mesh as large."""
+def require_fitting(
+    motion: Motion, instances: Instances | None, meshes: Sequence[Mesh], spheres: Sequence[Spheres]
+) -> None:
+    """Raise ValueError unless what moves is in the scene, and mesh for mesh, group for group as large."""
+    for group in motion.spheres:
+        if group.group >= len(spheres):
+            raise ValueError(f"Motion: spheres: expected groups below {len(spheres)}, got {group.group}")
+        if len(group.centres) != len(spheres[group.group].centres):
+            expected, found = len(spheres[group.group].centres), len(group.centres)
+            raise ValueError(f"Motion: spheres {group.group}: centres: expected {expected} of them, got {found}")
     count = 0 if instances is None else len(instances)
     for part in motion.instances:
         if len(part.instances) and not 0 <= part.instances[0] <= part.instances[-1] < count:
@@ -120,10 +151,10 @@ def require_fitting(motion: Motion, instances: Instances | None, meshes: Sequenc
         mesh = meshes[part.mesh]
         for name in ("positions", "normals"):
             steps, still = getattr(part, name), getattr(mesh, name)
-            found = None if steps is None else steps.shape[1:]
-            expected = None if still is None else still.shape
-            if found != expected:
-                raise ValueError(f"Motion: mesh {part.mesh}: {name}: expected {expected} at each step, got {found}")
+            shape = None if steps is None else steps.shape[1:]
+            wanted = None if still is None else still.shape
+            if shape != wanted:
+                raise ValueError(f"Motion: mesh {part.mesh}: {name}: expected {wanted} at each step, got {shape}")
 
 
 def _set_matrices(record: Any, name: str, shape: tuple[int | str, ...], label: str) -> None:

@@ -91,7 +91,7 @@ class Scene:
                     f"{len(self.materials)} materials, got {highest}"
                 )
         for motion in filter(None, (self.motion, self.neighbors)):
-            require_fitting(motion, self.instances, self.meshes)
+            require_fitting(motion, self.instances, self.meshes, self.spheres)
         if self.light_groups is not None:
             for name, count in (("lights", len(self.lights)), ("objects", self.instance_count + len(self.spheres))):
                 found = len(getattr(self.light_groups, name))

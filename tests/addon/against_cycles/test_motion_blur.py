@@ -118,6 +118,17 @@ def leave_out(scene, thing):
     thing.cycles.use_motion_blur = False
 
 
+def cloud(scene, thing):
+    """A point cloud that turns about a point beside it, and grows."""
+    bpy.ops.object.pointcloud_random_add()
+    points = bpy.context.object
+    points.data.materials.append(thing.data.materials[0])
+    scene.objects["Plane"].hide_render = True
+    key(points, "location", (-1, 0, 0.5), (0, 0, 0.8), (1, 0, 0.5))
+    key(points, "rotation_euler", (0, -1, 0), (0, 0, 0), (0, 1, 0))
+    key(points, "scale", (0.3,) * 3, (0.4,) * 3, (0.5,) * 3)
+
+
 def curve(scene, thing):
     move(scene, thing)
     shutter = scene.render.motion_blur_shutter_curve
@@ -154,6 +165,7 @@ SLOW = {
     "a parent": carry,
     "a collection": scatter,
     "an object that is left out": leave_out,
+    "a point cloud": cloud,
     "a curve": curve,
     "the start": place("START", move),
     "the end": place("END", move),

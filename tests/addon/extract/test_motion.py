@@ -11,6 +11,7 @@ import pytest
 from addon import versions
 from addon.extract import motion
 from addon.extract.scene import extract_scene
+from raytracer.scene.moments import find_moment
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
 
@@ -234,11 +235,23 @@ def test_an_error_leaves_the_scene_at_its_frame(stage: Any, shown: Any, monkeypa
     assert stage.frame_current_final == FRAME
 
 
-def test_point_clouds_that_move_are_named(stage: Any) -> None:
+def test_point_clouds_move_with_their_object(stage: Any) -> None:
     bpy.ops.object.pointcloud_random_add()
     thing = bpy.context.object
     move(thing)
-    assert any("point clouds" in str(warning) for warning in read(stage)[0].warnings)
+    found = read(stage)[0]
+    assert not found.warnings
+    (motion,) = found.scene.motion.spheres
+    assert motion.group == 0
+    np.testing.assert_array_equal(motion.world_from_object[:, 0, 3], [-0.5, 0.0, 0.5])
+    np.testing.assert_allclose(find_moment(found.scene, 0.5).spheres[0].centres, found.scene.spheres[0].centres)
+
+
+def test_point_clouds_that_move_are_named_where_vectors_are_asked_for(stage: Any) -> None:
+    bpy.ops.object.pointcloud_random_add()
+    move(bpy.context.object)
+    stage.render.use_motion_blur = False
+    assert any("point clouds" in str(warning) for warning in read(stage, "Vector")[0].warnings)
 
 
 def test_the_vector_pass_reads_the_frames_around_whatever_is_blurred(stage: Any, shown: Any) -> None:

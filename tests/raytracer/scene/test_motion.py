@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.scene.moments import find_moment
+from raytracer.scene.moments import find_moment, moves_geometry
 from raytracer.scene.rigid_motion import find_step, interpolate, interpolate_matrices
 
 # Of a product of two rotations whose entries are off by a few units of roundoff.
@@ -112,6 +112,22 @@ def test_a_moment_holds_what_has_moved_and_the_same_records_of_the_rest():
     assert np.array_equal(moment.meshes[1].positions, shapes[1] * 0.25)
 
 
+def test_spheres_go_with_their_object():
+    """Half of a quarter turn about a point beside them, while their object grows to twice its size."""
+    centres, radii = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 2.0]]), np.array([0.1, 0.2])
+    steps = np.array([place(np.eye(3), (5, 0, 0)), place(2.0 * rotate(np.pi / 2), (7, 0, 0))])
+    spheres = raytracer.Spheres(centres + np.array([5.0, 0.0, 0.0]), radii, name="Cloud")
+    motion = raytracer.Motion(spheres=raytracer.SpheresMotion(0, centres, radii, steps))
+    scene = raytracer.Scene(spheres=spheres, motion=motion)
+    assert moves_geometry(motion)
+    moment = find_moment(scene, 0.5).spheres[0]
+    root = 1.5 * np.sqrt(0.5)
+    np.testing.assert_allclose(moment.centres, [[6 + root, root, 0], [6, 0, 3]], rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(moment.radii, 1.5 * radii, rtol=1e-14)
+    assert moment.name == "Cloud"
+    np.testing.assert_array_equal(find_moment(scene, 0.0).spheres[0].centres, spheres.centres)
+
+
 def test_the_film_of_a_zooming_camera_grows_linearly():
     """As in Cycles, which interpolates the film's points, of three steps."""
     still = np.tile(np.eye(4), (3, 1, 1))
@@ -131,6 +147,7 @@ SHAPES = np.zeros((3, 3, 3))
         ({"meshes": raytracer.MeshMotion(2, SHAPES, SHAPES)}, "expected numbers below 2"),
         ({"meshes": raytracer.MeshMotion(0, SHAPES)}, "normals: expected"),
         ({"meshes": raytracer.MeshMotion(0, SHAPES[:, :2], SHAPES)}, "positions: expected"),
+        ({"spheres": raytracer.SpheresMotion(0, [(0, 0, 0)], [1.0], MATRICES[:, 0])}, "expected groups below 0"),
         ({"shutter": [0.0, 0.0]}, "above 0"),
         ({"shutter": [-1.0, 1.0]}, "shutter"),
         ({"rolling_shutter": 2.0}, "rolling_shutter"),
