@@ -41,7 +41,12 @@ class AdaptivePlan(BlockPlan):
         yield iter(self)
         if self._film.samples >= self._film.pilot:
             self.sweeps = self._total
-            yield self._list_blocks()
+            density = decide_density(self._film)
+            if (density == 1.0).all():  # as if there had been no pilot: whole sweeps take less time than lists
+                self._done = self._film.samples, self._film.ahead, self._film.ahead_samples
+                yield iter(self)
+            else:
+                yield self._list_blocks(density)
 
     def ends_sweep(self, block: Block | ListedBlock) -> bool:
         """Return True where at least one sweep is done with this block."""
@@ -51,8 +56,8 @@ class AdaptivePlan(BlockPlan):
         """Return the number of sweeps that are done with this block."""
         return block.sample + len(block.ends) if isinstance(block, ListedBlock) else super().count_done(block)
 
-    def _list_blocks(self) -> Iterator[ListedBlock]:
-        density, offset = decide_density(self._film), self._offset
+    def _list_blocks(self, density: Floats) -> Iterator[ListedBlock]:
+        offset = self._offset
         sweep, ahead = self._film.samples, self._film.ahead
         while sweep < self.sweeps:
             most, first, lists, count = self._limit_sweeps(sweep), sweep, [], 0

@@ -68,6 +68,23 @@ def test_pilot_is_even_and_too_few_samples_are_all_of_it():
     assert [choose_pilot(samples) for samples in (1, 31, 32, 100, 4096)] == [0, 0, 16, 24, 64]
 
 
+def test_where_nothing_is_gained_the_rest_is_as_even_as_the_pilot(monkeypatch):
+    """Whole sweeps, not lists, also where a film goes on; pixels still share points of lights."""
+
+    def fail(*_):
+        raise AssertionError("lists")
+
+    monkeypatch.setattr(adaptive.AdaptivePlan, "_list_blocks", fail)
+    scene, options = SCENES["room"][0](), {"integrator": "path", "interleaving": 2}
+    even = render(scene, 12, 8, 40, **options)
+    film = render(scene, 12, 8, 40, adaptive=True, **options)
+    assert film.pilot == 16
+    # The mean of both replications' means is rounded elsewhere than the mean of all.
+    np.testing.assert_allclose(film["Combined"], even["Combined"], rtol=2 * np.finfo(np.float32).eps)
+    parts = render(scene, 12, 8, 40, adaptive=True, until=23, **options)
+    assert np.array_equal(render(scene, 12, 8, 40, adaptive=True, film=parts, **options)["Combined"], film["Combined"])
+
+
 def test_cancelling_the_pilot_leaves_it():
     seen = []
     film = see(block_size=24 * 16, on_progress=seen.append, is_cancelled=lambda: len(seen) >= 5)
@@ -122,15 +139,15 @@ def test_tiles_of_adaptive_pictures_are_the_same_for_any_workers_and_blocks():
 
 def test_samples_of_a_replication_follow_the_pilot_of_the_other_alone():
     """What makes the mean unbiased: the first replication may have seen anything, its own numbers stay the same."""
-    window, settings = make_window(SCENE, 6, 4, Settings(samples=64)), Settings(samples=64, adaptive=True)
+    window, settings = make_window(SCENE, 6, 12, Settings(samples=64)), Settings(samples=64, adaptive=True)
     densities = []
     for seen in (1.0, 5.0):
-        film = Film(6, 4, ("Combined",), pilot=16, total=64)
-        film.arrays[PILOT][:] = np.random.default_rng(3).random((24, 6)) + np.array([8, 9, 8, 8, 9, 8])
-        film.arrays[PILOT][12:, [1, 4]] += 99.0  # half of the picture has noise
+        film = Film(6, 12, ("Combined",), pilot=16, total=64)
+        film.arrays[PILOT][:] = np.random.default_rng(3).random((72, 6)) + np.array([8, 9, 8, 8, 9, 8])
+        film.arrays[PILOT][54:, [1, 4]] += 99.0  # a quarter of the picture has noise
         film.arrays[PILOT][7, :2] = 8 * seen, 9 * seen**2
         densities.append(adaptive.decide_density(film))
-        assert adaptive.AdaptivePlan(film, window, settings, 1000).pixels == 24
+        assert adaptive.AdaptivePlan(film, window, settings, 1000).pixels == 72
     assert np.array_equal(densities[0][:, 0], densities[1][:, 0])
     assert (densities[0][:, 1] != densities[1][:, 1]).any()
 
@@ -175,14 +192,28 @@ def test_noise_of_which_neighbors_know_nothing_leaves_samples_even(rng):
 
 
 def test_a_share_is_chosen_by_what_neighbors_foretell_alone():
-    """Twice as much where there is four times the noise: the largest share. Little noise, or nothing known: none."""
-    variance, told = np.array([1.0, 9.0]), np.array([0.5, 1.5])
+    """Twice as much where there is 25 times the noise: the largest share. Little noise, or nothing known: none."""
+    variance, told = np.array([1.0, 25.0]), np.array([0.4, 1.6])
     assert choose_share(variance, told, 0.75) == 0.75
     assert choose_share(variance, told[::-1], 0.75) == 0.0
     assert choose_share(np.array([1.0, 1.4]), np.array([0.9, 1.1]), 0.75) == 0.0
     assert choose_share(variance, np.array([1.0, np.nan]), 0.75) == 0.0
-    # Of a forecast that is too sure of itself, a part: 1 / (1 - 0.98 s) + 9 / (1 + 0.98 s) is least at s = 0.51.
-    assert choose_share(variance, np.array([0.02, 1.98]), 0.75) == 0.5625
+    # Of a forecast that is too sure of itself, a part: 1 / (1 - 0.99 s) + 25 / (1 + 0.99 s) is least at s = 0.67.
+    assert choose_share(variance, np.array([0.01, 1.99]), 0.75) == 0.75
+    assert choose_share(variance, np.array([0.01, 1.99]), 1.0) == 0.75
+
+
+def test_a_promise_to_few_pixels_alone_must_be_large():
+    """One pixel of 200 has half of the noise: it is promised 3 times, then 50 times the samples, the others as many."""
+    variance, told = np.ones(200), np.ones(200)
+    variance[7], told[7] = 200.0, 3.0
+    assert choose_share(variance, told, 0.75) == 0.0
+    variance[7] = 2000.0
+    told[7] = 50.0
+    assert choose_share(variance, told, 0.75) == 0.75
+    told[:100], told[100:], variance[100:] = 0.4, 1.6, 25.0  # and so are all the others
+    variance[7], told[7] = 1.0, 0.4
+    assert choose_share(variance, told, 0.75) == 0.75
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (4, 3)])
