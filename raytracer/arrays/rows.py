@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.types import Booleans, Floats
+from raytracer.arrays.types import Booleans, Floats, Indices
 
 
 def lay_columns(values: NDArray[Any]) -> NDArray[Any]:
@@ -44,6 +44,11 @@ def repeat_column(column: Floats) -> Floats:
 def scale_vectors(vectors: Floats, factors: Floats) -> Floats:
     """Return vectors, (3,) one for all or (n, 3), times factors (n,): (n, 3), column by column in memory."""
     return (np.atleast_2d(vectors).T * factors).T
+
+
+def shorten_rows(rows: Indices, count: int) -> Indices | slice:
+    """Return ascending rows (k,) of `count`, none twice; as a slice, which copies nothing, where they are all."""
+    return slice(None) if len(rows) == count else rows
 
 
 def take_rows(values: NDArray[Any], rows: Any) -> NDArray[Any]:

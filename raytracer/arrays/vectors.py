@@ -31,10 +31,10 @@ def normalize(vectors: Floats) -> Floats:
 
 
 def _join_components(x: Floats, y: Floats, z: Floats) -> Floats:
-    """Return vectors (..., 3) of components (...), component by component in memory."""
+    """Return vectors (3,) or (n, 3) of components () or (n,), component by component in memory."""
     vectors = np.empty((3, *x.shape))
     vectors[0], vectors[1], vectors[2] = x, y, z
-    return np.moveaxis(vectors, 0, -1)
+    return vectors.T
 
 
 def transform(matrix: Floats, vectors: Floats) -> Floats:

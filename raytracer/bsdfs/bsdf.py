@@ -17,7 +17,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, make_zeros, mean_column, sum_columns, take_rows
+from raytracer.arrays.rows import any_column, make_zeros, mean_column, shorten_rows, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Colors, Floats, Kinds, Numbers, Vectors
 from raytracer.arrays.vectors import to_world
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
@@ -96,7 +96,7 @@ def evaluate_lobes(
     specular, density = make_zeros(len(shading)), np.zeros(len(shading))
     for column, lobes in enumerate(shading.lobes, start=1):
         lobes = _select_facing(shading, lobes, incoming)
-        rows = lobes.hit
+        rows = shorten_rows(lobes.hit, len(shading))
         value, lobe_density = evaluate_microfacets(
             lobes, *(take_rows(vectors, rows) for vectors in (shading.outgoing, incoming, shading.geometric_normal))
         )
@@ -191,7 +191,7 @@ def _squared_tangent(cosine: Floats) -> Floats:
 def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Microfacets:
     """Return the lobes that may send light from `incoming` (n, 3) back: perfect ones never, others to the side of the
     surface that they reflect or transmit to."""
-    above = dot(lobes.normal, take_rows(incoming, lobes.hit)) > 0
+    above = dot(lobes.normal, take_rows(incoming, shorten_rows(lobes.hit, len(shading)))) > 0
     facing = ~lobes.is_perfect & np.where(above, any_column(lobes.reflection > 0), any_column(lobes.transmission > 0))
     return lobes if facing.all() else lobes.select(np.flatnonzero(facing))
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, lay_columns, mean_column, take_rows
+from raytracer.arrays.rows import any_column, lay_columns, mean_column, shorten_rows, take_rows
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.diffuse import DiffuseShape
@@ -211,16 +211,20 @@ class Points:
     @property
     def outgoing(self) -> Floats:
         """(k, 3) directions to where the rays came from."""
-        return take_rows(self.shading.outgoing, self.rows)
+        return take_rows(self.shading.outgoing, self._places)
+
+    @property
+    def _places(self) -> Rows | slice:
+        return shorten_rows(self.rows, len(self.shading))
 
     def find_normal(self, name: str) -> Floats:
         """Return the normals (k, 3) of a name, or the surface's where closures have none."""
-        return self.vectors[name] if name in self.vectors else take_rows(self.shading.normal, self.rows)
+        return self.vectors[name] if name in self.vectors else take_rows(self.shading.normal, self._places)
 
     def add_diffuse(self, albedo: Floats) -> None:
         """Add Lambertian parts of albedo (k, 3)."""
         if "normal" not in self.vectors:
-            self.shading.diffuse[self.rows] += albedo
+            self.shading.diffuse[self._places] += albedo
         else:
             self.add_part(self.normal, albedo)
 
@@ -244,7 +248,9 @@ class Points:
     def specular_normal(self, name: str = "normal") -> tuple[Floats, Floats]:
         """Return the normals (k, 3) of microfacet lobes and the cosine (k,) of the view against them."""
         outgoing = self.outgoing
-        normal = tilt_to_reflect(self.find_normal(name), take_rows(self.shading.geometric_normal, self.rows), outgoing)
+        normal = tilt_to_reflect(
+            self.find_normal(name), take_rows(self.shading.geometric_normal, self._places), outgoing
+        )
         return normal, dot(normal, outgoing)
 
     def find_outside_ior(self, ior: Floats) -> Floats:

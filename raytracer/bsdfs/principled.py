@@ -48,11 +48,13 @@ def add_principled(closures: Closures, points: Points) -> list[Microfacets]:
         coat, weight = _make_coat(closures, points, weight)
         lobes.append(coat)
     metallic = closures.metallic
-    lobes.append(_make_metal(closures, points, weight * metallic[:, np.newaxis]))
-    weight = weight * (1.0 - metallic)[:, np.newaxis]
+    if metallic.any():
+        lobes.append(_make_metal(closures, points, weight * metallic[:, np.newaxis]))
+        weight = weight * (1.0 - metallic)[:, np.newaxis]
     transmission = closures.transmission
-    lobes.append(_make_glass(closures, points, weight * transmission[:, np.newaxis]))
-    weight = weight * (1.0 - transmission)[:, np.newaxis]
+    if transmission.any():
+        lobes.append(_make_glass(closures, points, weight * transmission[:, np.newaxis]))
+        weight = weight * (1.0 - transmission)[:, np.newaxis]
     specular, under = _make_specular(closures, points, weight)
     color = closures.color
     if closures.uses("subsurface"):

@@ -52,7 +52,10 @@ def add_background(integrator: Integrator, passes: PathPasses, paths: Paths, hit
 
     Passes of it alone, of its group of lights, and what guides denoisers have it all the same, as in Cycles.
     """
-    missed = paths.select(np.flatnonzero(~hits.hit))
+    rows = np.flatnonzero(~hits.hit)
+    if not len(rows) or (integrator.background is None and not integrator.settings.transparent):
+        return
+    missed = paths.select(rows)
     if integrator.settings.transparent:
         passes.background[missed.row[missed.direct]] += mean_column(missed.throughput[missed.direct])
         shows = "Environment" in passes.values or passes.guides is not None or bool(passes.light_groups)
@@ -185,8 +188,11 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     paths, surface, shading = wave.paths, wave.surface, wave.shading
     holes = punch_holes(passes, wave)
     direct = np.flatnonzero(paths.direct if holes is None else paths.direct & ~holes)
-    passes.add("Diffuse Color", paths.row[direct], (paths.throughput * shading.sum_diffuse())[direct])
-    if len(direct) and ("Glossy Color" in passes.values or "Transmission Color" in passes.values):
+    if not len(direct):
+        return
+    if "Diffuse Color" in passes.values:
+        passes.add("Diffuse Color", paths.row[direct], (paths.throughput * shading.sum_diffuse())[direct])
+    if "Glossy Color" in passes.values or "Transmission Color" in passes.values:
         for name, color in zip(("Glossy Color", "Transmission Color"), sum_lobe_colors(shading), strict=True):
             passes.add(name, paths.row[direct], (paths.throughput * color)[direct])
     for kind, identity in integrator.mattes.items():
@@ -196,6 +202,8 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     if "Mist" in passes.values:
         add_mist(integrator, passes, wave, direct)
     rows = direct[~passes.found[paths.row[direct]]]
+    if not len(rows):
+        return
     row = paths.row[rows]
     stretch = wave.hits.distance[rows] * length(paths.rays.directions[rows])
     passes.set("Depth", row, stretch / passes.depth_unit[row])

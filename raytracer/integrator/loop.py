@@ -94,7 +94,9 @@ def follow(integrator: Integrator, passes: PathPasses, paths: Paths, sampler: Sa
         for stage in ALONG_RAYS:
             stage(integrator, passes, paths, hits)
         met = np.flatnonzero(hits.hit)
-        paths, hits = cut_holes(integrator, passes, paths.select(met), hits.select(met))
+        if len(met) < len(paths):
+            paths, hits = paths.select(met), hits.select(met)
+        paths, hits = cut_holes(integrator, passes, paths, hits)
         follow_split(integrator, passes, paths, hits, sampler)
         paths, sampler = shade_wave(integrator, passes, paths, hits, sampler)
 

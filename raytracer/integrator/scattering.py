@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, sum_columns
+from raytracer.arrays.rows import any_column, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Counts, Floats, Numbers
-from raytracer.bsdfs.bounce_kinds import DIFFUSE, count_bounces
+from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
 from raytracer.integrator.bounces import CERTAIN_BOUNCES, find_ended, survival_probability
 from raytracer.integrator.direct_light import sample_lights
@@ -152,9 +152,9 @@ def play_roulette(integrator: Integrator, paths: Paths, sample: BsdfSample, samp
     """
     if integrator.dimensions.roulette is None:
         return
-    bounces = sum_columns(count_bounces(paths.bounces, sample.kind))
+    bounces = sum_columns(paths.bounces) + (sample.kind != STRAIGHT)
     rows = np.flatnonzero(sample.alive & (bounces > CERTAIN_BOUNCES))
-    probability = survival_probability(paths.throughput[rows] * sample.weight[rows])
+    probability = survival_probability(take_rows(paths.throughput, rows) * take_rows(sample.weight, rows))
     survives = sampler.select(rows).uniform(integrator.dimensions.roulette) < probability
     factor = np.divide(1.0, probability, out=np.zeros_like(probability), where=survives)
-    sample.weight[rows] = factor[:, np.newaxis] * sample.weight[rows]
+    sample.weight[rows] = factor[:, np.newaxis] * take_rows(sample.weight, rows)

@@ -88,8 +88,8 @@ class SobolSamples:
     def _shuffle_index(self, dimension: int) -> tuple[Words, Words]:
         """Return each pixel's key (n,) and its shuffled sample index (n,), a nested uniform shuffle of `sample`."""
         key = _hash_pixels(self.pixel, dimension, self.seed, self.replication)
-        index = _reverse_bits(np.broadcast_to(np.asarray(self.sample, np.uint32), self.pixel.shape).copy())
-        return key, _reverse_bits(_scramble_reversed(index, key))
+        index = np.broadcast_to(_reverse_samples(np.asarray(self.sample, np.uint32)), self.pixel.shape)
+        return key, _reverse_bits(_scramble_reversed(index.copy(), key))
 
 
 def _first_coordinate(index: Words, key: Words) -> Words:
@@ -143,6 +143,17 @@ def _reverse_bits(words: Words) -> Words:
         np.left_shift(words, np.uint32(shift), out=words)
         np.bitwise_or(words, high, out=words)
     return words.byteswap(inplace=True)
+
+
+# Of the first samples; a gather takes a fourth of the time of `_reverse_bits`.
+_REVERSED = _reverse_bits(np.arange(1 << 12, dtype=np.uint32))
+
+
+def _reverse_samples(sample: Words) -> Words:
+    """Return the numbers () or (n,) of samples with their bits reversed."""
+    if sample.size and sample.max() < len(_REVERSED):
+        return _REVERSED.take(sample)
+    return _reverse_bits(sample.copy())
 
 
 def split_numbers(number: Words) -> tuple[Words, Words]:
