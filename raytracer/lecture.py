@@ -60,7 +60,7 @@ def dot(u: ArrayLike, v: ArrayLike) -> Floats:
     >>> float(dot((1, 2, 1), (3, 1, 5)))
     10.0
     """
-    return _sum_products(*_as_floats(u, v))
+    return _sum_products(np.asarray(u, np.float64), np.asarray(v, np.float64))
 
 
 def _sum_products(u: Floats, v: Floats) -> Floats:
@@ -96,7 +96,7 @@ def length(v: ArrayLike) -> Floats:
     >>> float(length((3, 4)))
     5.0
     """
-    (v,) = _as_floats(v)
+    v = np.asarray(v, np.float64)
     return np.sqrt(_sum_products(v, v))
 
 

@@ -93,10 +93,12 @@ class Microfacets:
 
     def select(self, rows: Any) -> Microfacets:
         """Return some of the lobes: index or boolean array."""
-        stretch = None if self.stretch is None else self.stretch.select(rows)
+        if isinstance(rows, np.ndarray) and rows.dtype == np.bool_:
+            rows = rows.nonzero()[0]  # once for all arrays
         fields: dict[str, Any] = {name: take_rows(getattr(self, name), rows) for name in ROW_FIELDS}
+        stretch = None if self.stretch is None else self.stretch.select(rows)
         film = None if self.film is None else self.film.select(rows)
-        return dataclasses.replace(self, stretch=stretch, film=film, **fields)
+        return Microfacets(**fields, beckmann=self.beckmann, stretch=stretch, film=film)
 
     @property
     def is_perfect(self) -> Booleans:

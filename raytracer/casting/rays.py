@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,14 +24,22 @@ Record = TypeVar("Record")
 
 def select_rows(record: Record, rows: Any) -> Record:
     """Return the record with every array, and every record in it, cut down to `rows`; None stays None."""
-    values = (getattr(record, item.name) for item in fields(record))  # type: ignore[arg-type]
-    return type(record)(*(_select(value, rows) for value in values))
+    if isinstance(rows, np.ndarray) and rows.dtype == np.bool_:
+        rows = rows.nonzero()[0]  # once for all arrays
+    kind: Any = type(record)
+    return kind(*[_select(getattr(record, name), rows) for name in _list_names(kind)])
+
+
+@cache
+def _list_names(kind: type) -> tuple[str, ...]:
+    """Return the names of a record's fields."""
+    return tuple(item.name for item in fields(kind))
 
 
 def _select(value: Any, rows: Any) -> Any:
-    if value is None:
-        return None
-    return take_rows(value, rows) if isinstance(value, np.ndarray) else value.select(rows)
+    if isinstance(value, np.ndarray):
+        return value[rows] if value.ndim == 1 else take_rows(value, rows)
+    return None if value is None else value.select(rows)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

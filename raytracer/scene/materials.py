@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -135,7 +136,7 @@ class Closure:
         for name in self.vectors:
             set_field(self, name, make_value(getattr(self, name), f"{label}: {name}"))
 
-    @property
+    @cached_property
     def registers(self) -> dict[str, Register]:
         """The parameters that the material's program computes, by name."""
         return {name: value for name, value in vars(self).items() if isinstance(value, Register)}
