@@ -43,7 +43,7 @@ def repeat_column(column: Floats) -> Floats:
 
 def scale_vectors(vectors: Floats, factors: Floats) -> Floats:
     """Return vectors, (3,) one for all or (n, 3), times factors (n,): (n, 3), column by column in memory."""
-    return (np.atleast_2d(vectors).T * factors).T
+    return np.multiply(np.atleast_2d(vectors).T, factors, order="C").T
 
 
 def shorten_rows(rows: Indices, count: int) -> Indices | slice:

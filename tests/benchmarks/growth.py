@@ -6,6 +6,7 @@ are of a quiet machine, and times are the processor's.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -23,6 +24,7 @@ from raytracer.film.film import Film
 from raytracer.film.film_picture import save_picture
 from raytracer.film.passes import find_pass
 from raytracer.integrator.settings import Settings
+from raytracer.processes.python import ONE_THREAD
 from raytracer.processes.workers import Workers
 from raytracer.rendering.block_plan import BLOCK_SECONDS, BlockPlan
 from raytracer.rendering.blocks import Block, BlockResult, FrameWindow, hand_out
@@ -160,10 +162,10 @@ def show_passes() -> str:
 
 
 def run_blender(script: str) -> float:
-    """Return the seconds that a script of Blender's Python says."""
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", script], capture_output=True, text=True, check=True
-    )  # fmt: skip
+    """Return the seconds that a script of Blender's Python says: in one thread, for idle threads of the linear algebra
+    spin, and would count as processor time."""
+    command, environment = [sys.executable, "-W", "ignore", "-c", script], os.environ | ONE_THREAD
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     return float(next(line.split()[1] for line in done.stdout.splitlines() if line.startswith("seconds")))
 
 

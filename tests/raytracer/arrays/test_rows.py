@@ -3,7 +3,20 @@
 import numpy as np
 import pytest
 
-from raytracer.arrays.rows import all_columns, any_column, largest_column, mean_column, sum_columns, take_rows
+from raytracer.arrays.rows import (
+    all_columns,
+    any_column,
+    join_columns,
+    largest_column,
+    lay_columns,
+    make_zeros,
+    mean_column,
+    repeat_column,
+    scale_vectors,
+    shorten_rows,
+    sum_columns,
+    take_rows,
+)
 
 
 @pytest.mark.parametrize("shape", [(0, 3), (1, 3), (50, 1), (50, 3), (50, 4)])
@@ -28,3 +41,32 @@ def test_selections_are_numpys(rng, shape):
 
 def test_counts_stay_whole():
     assert sum_columns(np.ones((2, 3), np.int32)).dtype == np.int32
+
+
+@pytest.mark.parametrize(
+    "rows", [np.array([3, 3, 0]), np.arange(12) % 3 == 0, slice(2, 5)], ids=["index", "mask", "slice"]
+)
+def test_columns_stay_columns(rng, rows):
+    values = rng.normal(size=(12, 3))
+    for laid in (lay_columns(values), lay_columns(rng.normal(size=(20, 3)))[4:16]):
+        taken = take_rows(laid, rows)
+        np.testing.assert_array_equal(taken, laid[rows])
+        assert taken.strides[0] == taken.itemsize
+
+
+def test_made_vectors_lie_in_columns(rng):
+    x, factors = rng.normal(size=(2, 7))
+    for made, expected in (
+        (make_zeros(7), np.zeros((7, 3))),
+        (join_columns(x, factors), np.stack([x, factors], axis=1)),
+        (repeat_column(x), np.repeat(x[:, np.newaxis], 3, axis=1)),
+        (scale_vectors(np.array([1.0, 2.0, 3.0]), factors), factors[:, np.newaxis] * (1.0, 2.0, 3.0)),
+        (scale_vectors(rng.normal(size=(7, 3)), 0.0 * factors), np.zeros((7, 3))),
+    ):
+        np.testing.assert_array_equal(made, expected)
+        assert made.flags.f_contiguous
+
+
+def test_all_rows_are_a_slice():
+    assert shorten_rows(np.arange(4), 4) == slice(None)
+    np.testing.assert_array_equal(shorten_rows(np.array([0, 2]), 4), [0, 2])
