@@ -29,6 +29,8 @@ from raytracer.predicates.rounding import gamma
 FLOAT32_ROUNDOFF = 2.0**-24
 # Edge functions held at a time: they stay in the cache.
 BLOCK_VALUES = 1 << 19
+# Rays of a product: libraries share larger ones among threads, that wait for each other busily: 1.4 times the work.
+PACKET = 256
 
 
 class MatrixForm:
@@ -71,7 +73,11 @@ class MatrixForm:
         """Triangles and rays, by index, whose line may pass inside, and whether it certainly does."""
         farthest = largest_row(np.abs(origin))
         scale = 1 / (gamma(9, FLOAT32_ROUNDOFF) * (6 + 12 * farthest))
-        lines = np.concatenate([direction * scale, cross(origin, direction) * scale]).astype(np.float32)
-        index, inside = cross_triangles(self.edges, lines.T[np.newaxis])
-        triangle, lane = np.divmod(index, lines.shape[1])
-        return triangle, lane, inside
+        count = len(scale)
+        lines = np.full((6, -(-count // PACKET) * PACKET), np.nan, np.float32)  # what fills up is never met
+        np.multiply(direction, scale, out=lines[:3, :count], casting="same_kind")
+        np.multiply(cross(origin, direction), scale, out=lines[3:, :count], casting="same_kind")
+        index, inside = cross_triangles(self.edges, lines.T.reshape(-1, PACKET, 6))
+        place, lane = np.divmod(index, PACKET)
+        packet, triangle = np.divmod(place, self.edges.shape[1] // 3)
+        return triangle, packet * PACKET + lane, inside
