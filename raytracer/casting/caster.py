@@ -43,6 +43,9 @@ BATCH_RAYS = 1 << 16
 DENSE_RAYS = 1 << 17
 # Rays of a pencil are cast in larger batches where there are more triangles, each of which costs something per batch.
 PENCIL_RAYS = 1 << 18
+# So many rays that arrive at a point, and for a triangle, are projected: with fewer the dense tree is quicker, as it is
+# with parallel ones.
+ARRIVING_RAYS, ARRIVING_SHARE = 1 << 15, 0.5
 # Rays of a call that are looked at together.
 CALL_RAYS = 1 << 20
 
@@ -215,12 +218,14 @@ class Caster(Questions):
         if rays.after is not None or rays.departure is not None:
             # What is drawn is settled without a look at what the rays have left behind.
             return None
-        few = isinstance(self.offer, MatrixForm)
-        if not (few or isinstance(self.offer, DenseOffer)):
+        if not isinstance(self.offer, MatrixForm | DenseOffer):
             return find_pencil(rays)
-        # These are quicker with rays that arrive at a point, and with parallel ones that anything ends; the matrix form
-        # with all but those that leave a point and ask for the closest.
-        return None if few and any_hit else find_pencil(rays, parallel=not (few or any_hit), arriving=False)
+        if not any_hit:
+            return find_pencil(rays, parallel=isinstance(self.offer, DenseOffer), arriving=False)
+        if isinstance(self.offer, MatrixForm):
+            return None
+        least = max(ARRIVING_RAYS, int(ARRIVING_SHARE * len(self.primitives.corners)))
+        return find_pencil(rays, parallel=False, arriving=len(rays) >= least)
 
     def _find_reach(self, pencil: Pencil) -> int:
         """How far the scene reaches from the pencil's center, as a power of two."""

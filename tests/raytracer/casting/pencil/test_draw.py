@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer.casting import caster as casting_caster
 from raytracer.casting.brute_force import offer_all
 from raytracer.casting.matrix_form import MatrixForm
 from raytracer.casting.pencil.cluster_culling import are_hidden, cull_clusters, project_vertices
@@ -179,6 +180,21 @@ def test_pencils_are_drawn_or_projected_where_that_is_quicker(rng, subdivisions,
         if all(offer is not caster.offer for _, offer in caster._plan(rays, any_hit))
     }
     assert found == drawn
+
+
+@pytest.mark.parametrize(("count", "projected"), [(639, False), (640, True)])
+def test_rays_that_arrive_at_a_point_are_projected_where_they_are_many_for_the_triangles(
+    rng, monkeypatch, count, projected
+):
+    monkeypatch.setattr(casting_caster, "ARRIVING_RAYS", 64)
+    caster = replace(raytracer.build(mesh_scene(meshes.make_icosphere(3))), smallest_pencil=64)
+    point = np.array((0.3, 2.0, 0.1))
+    points = rng.normal(size=(count, 3)) * (2.0, 0.3, 2.0) - (0.0, 2.0, 0.0)
+    rays = make_rays(points, point - points, 0.0, 1.0)
+    assert all((offer is caster.offer) != projected for _, offer in caster._plan(rays, True))
+    blocked = caster.any_hit(points, point - points, 0.0, 1.0)
+    assert 0.2 < blocked.mean() < 0.8
+    np.testing.assert_array_equal(blocked, caster.closest_hit(points, point - points, 0.0, 1.0).hit)
 
 
 def test_limits_are_below_the_nearness_of_hits_within_range_and_close_to_it(rng):
