@@ -271,11 +271,14 @@ def test_crossings_need_certified_precision():
         raytracer.build(raytracer.Scene(), "float64").crossings([0, 0, 0], [0, 0, 1])
 
 
-def test_tree_is_built_when_the_first_rays_need_it():
-    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(16))]))
-    assert caster.offer.other.latest is None
+@pytest.mark.parametrize(("side", "is_dense"), [(16, True), (120, False)])
+def test_the_tree_that_the_first_rays_need_is_built_and_no_other(side, is_dense):
+    """Few triangles have a dense tree alone; of many a single ray needs the four-wide one."""
+    caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(side))]))
+    assert caster.offer.built is None and caster.offer.other.latest is None
     caster.closest_hit((0.1, 0.2, 1.0), (0.0, 0.0, -1.0))
-    assert caster.offer.other.latest.roots == (0,)
+    assert (caster.offer.built is not None) == is_dense
+    assert (caster.offer.other.latest is None) == is_dense
 
 
 def scene_of_parts(moved=None, turned=0.0):
