@@ -21,6 +21,7 @@ from raytracer.scene.camera import Camera, Panorama
 from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
+from raytracer.scene.media import Grid, Volume, VolumeClosure
 from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion, SpheresMotion
 from raytracer.scene.programs import Aovs, Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
@@ -37,6 +38,7 @@ __all__ = [
     "Closure",
     "DaskPool",
     "Film",
+    "Grid",
     "Hits",
     "Image",
     "InstanceMotion",
@@ -59,6 +61,8 @@ __all__ = [
     "Step",
     "SunLight",
     "TiledImage",
+    "Volume",
+    "VolumeClosure",
     "WorkerError",
     "Workers",
     "World",

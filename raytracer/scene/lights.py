@@ -22,6 +22,7 @@ from raytracer.scene.fields import (
     set_number,
     set_seen_by,
 )
+from raytracer.scene.media import Volume, check_volume
 from raytracer.scene.programs import Aovs, Program, Register, check_aovs, check_program, check_register
 from raytracer.scene.shapes import Instances
 
@@ -210,6 +211,7 @@ class World:
         what is reflected there goes on to see it, in the share that sampling would have left it (all of it in mirrors),
         and an even world has no limit
     aovs : what it writes to passes that the scene names, where it is seen straight; None writes nothing
+    volume : the medium that fills all space; None for none
     """
 
     color: Any = 0.0
@@ -217,9 +219,11 @@ class World:
     seen_by: int = SEEN_BY_ALL
     max_bounces: int | None = None
     aovs: Aovs | None = None
+    volume: Volume | None = None
 
     def __post_init__(self) -> None:
         check_program(self.program, "World: program")
+        check_volume(self.volume, "World: volume")
         check_aovs(self.aovs, "World: aovs")
         set_seen_by(self, "World")
         if self.max_bounces is not None:

@@ -20,6 +20,7 @@ from raytracer.scene.fields import (
     set_light,
     set_number,
 )
+from raytracer.scene.media import Volume, check_volume
 from raytracer.scene.programs import Aovs, Program, Register, check_aovs, check_program, check_register, make_value
 
 # The colors of a closure, its directions, and the range of each of its numbers.
@@ -156,6 +157,9 @@ class Material:
     normal : a Register of `program`, the normal that stands for the surface's own, for closures and for the rest of the
         program, or None (a displacement that is shown as a bump)
     aovs : what it writes to passes that the scene names; None writes nothing
+    volume : what is inside of closed meshes that have this material; None for nothing
+    only_volume : True for a surface that is nothing but the border of its volume, which rays pass as if it were not
+        there: it has no closures of its own, and a clear one stands for them
     """
 
     closures: Sequence[Closure] = ()
@@ -165,12 +169,17 @@ class Material:
     transparent_shadow: bool = True
     normal: Register | None = None
     aovs: Aovs | None = None
+    volume: Volume | None = None
+    only_volume: bool = False
 
     def __post_init__(self) -> None:
         require_text(self.name, "Material: name")
         label = f"Material {self.name!r}"
         set_count(self, "pass_index", label)
-        set_flags(self, ("transparent_shadow",), label)
+        set_flags(self, ("transparent_shadow", "only_volume"), label)
+        check_volume(self.volume, f"{label}: volume")
+        if self.only_volume:
+            self._clear(label)
         check_program(self.program, f"{label}: program")
         if self.normal is not None and not isinstance(self.normal, Register):
             raise ValueError(f"{label}: normal: expected a Register or None, got {type(self.normal).__name__}")
@@ -181,10 +190,18 @@ class Material:
             for name, register in closure.registers.items():
                 check_register(register, self.program, f"{label}: {closure.kind}: {name}")
 
+    def _clear(self, label: str) -> None:
+        """Give the border of a volume the closure of what is not there."""
+        closures = make_records(self.closures, Closure, f"{label}: closures")
+        if any(closure.kind != "transparent" for closure in closures):
+            raise ValueError(f"{label}: closures: expected none of a material that is only a volume")
+        set_field(self, "closures", closures or (Closure("transparent", color=1.0),))
+
     @property
     def programs(self) -> tuple[Program, ...]:
         """All programs that it has."""
-        found = (self.program, None if self.aovs is None else self.aovs.program)
+        others = (None if part is None else part.program for part in (self.aovs, self.volume))
+        found = (self.program, *others)
         return tuple(program for program in found if program is not None)
 
 

@@ -17,6 +17,7 @@ from raytracer.scene.camera import Camera, Panorama
 from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import AreaLight, LightNodes, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
+from raytracer.scene.media import Grid, Volume, VolumeClosure
 from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion, SpheresMotion
 from raytracer.scene.programs import Aovs, Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
@@ -30,6 +31,7 @@ RECORDS = {
         *(Mesh, Spheres, Instances, Closure, Material, PointLight, SpotLight, SunLight, AreaLight),
         *(LightNodes, World, Camera, Panorama, Scene, LightGroups, Aovs, Program, Step, Register, Image, TiledImage),
         *(Motion, CameraMotion, InstanceMotion, MeshMotion, SpheresMotion),
+        *(Volume, VolumeClosure, Grid),
     )
 }
 

@@ -24,6 +24,7 @@ from raytracer.scene.fields import (
     set_properties,
     set_seen_by,
 )
+from raytracer.scene.media import Grid
 
 LARGEST_INDEX = int(np.iinfo(np.int32).max)
 
@@ -39,6 +40,7 @@ class Mesh:
     material : int, or (t,) int32, index into the scene's materials
     attributes : by name, (v, k) per vertex or (t, 3, k) per corner, float64, for the programs of materials; k = 1
         number, 2 as uvs, 3 vector, 4 color with alpha. "generated" holds Blender's Generated coordinates
+    grids : by name, a Grid each, for the programs of volumes
 
     Examples
     --------
@@ -57,6 +59,7 @@ class Mesh:
     material: Any = 0
     name: str = ""
     attributes: Mapping[str, Any] = field(default_factory=dict)
+    grids: Mapping[str, Grid] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_text(self.name, "Mesh: name")
@@ -75,6 +78,7 @@ class Mesh:
                 shape = (len(triangles), 3, width) if per_corner else (len(positions), width)
                 set_array(self, name, np.float64, shape, label)
         _set_attributes(self, len(positions), len(triangles), label)
+        _check_grids(self.grids, label)
         _set_material(self, len(triangles), label)
 
     def with_material(self, material: Any, attributes: Mapping[str, Any] | None = None) -> Mesh:
@@ -94,6 +98,15 @@ class Mesh:
             set_field(mesh, "attributes", attributes)
             _set_attributes(mesh, len(self.positions), len(self.triangles), label)
         return mesh
+
+
+def _check_grids(grids: Any, label: str) -> None:
+    if not isinstance(grids, Mapping):
+        raise ValueError(f"{label}: grids: expected a table, got {type(grids).__name__}")
+    for name, grid in grids.items():
+        require_text(name, f"{label}: grids")
+        if not isinstance(grid, Grid):
+            raise ValueError(f"{label}: grid {name!r}: expected a Grid, got {type(grid).__name__}")
 
 
 def _set_attributes(record: Mesh | Spheres, points: int, triangles: int | None, label: str) -> None:
@@ -196,6 +209,7 @@ class Instances:
         meshes; None = 0
     random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
     properties : by name, (i, 4) float64, color and alpha, what programs read of each instance besides
+    volume_density : (i,) float64, factor of all that its volume absorbs, scatters and emits; None = 1
     """
 
     mesh: Any
@@ -213,6 +227,7 @@ class Instances:
     terminator_geometry: Any = None
     terminator_shading: Any = None
     properties: Mapping[str, Any] = field(default_factory=dict)
+    volume_density: Any = None
 
     def __post_init__(self) -> None:
         count = len(set_array(self, "mesh", np.int32, ("i",), "Instances"))
@@ -237,6 +252,9 @@ class Instances:
             if getattr(self, name) is not None:
                 offset = set_array(self, name, np.float64, (count,), "Instances")
                 require_range(offset, 0.0, 1.0, f"Instances: {name}")
+        if self.volume_density is not None:
+            factor = set_array(self, "volume_density", np.float64, (count,), "Instances")
+            require_range(factor, 0.0, np.inf, "Instances: volume_density")
         if self.seen_by is not None:
             mask = set_array(self, "seen_by", np.int32, (count,), "Instances")
             require_range(mask, 0, SEEN_BY_ALL, "Instances: seen_by")

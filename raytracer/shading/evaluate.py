@@ -25,6 +25,7 @@ import numpy as np
 
 from raytracer.arrays.checks import require_choice
 from raytracer.scene.fields import LARGEST, require_text
+from raytracer.scene.media import Volume
 from raytracer.scene.programs import Aovs, Program, Register, Step, Value
 from raytracer.scene.scene import Scene
 from raytracer.shading.nodes import (
@@ -154,10 +155,22 @@ def check_programs(scene: Scene) -> None:
             for name, register in closure.registers.items():
                 check_output(register, material.program, f"Material {material.name!r}: {closure.kind}: {name}")
         check_aov_steps(material.aovs, f"Material {material.name!r}: aovs")
+        check_volume_steps(material.volume, f"Material {material.name!r}: volume")
     if scene.world is not None:
         check_program_steps(scene.world.program, "World: program")
         check_output(scene.world.color, scene.world.program, "World: color")
         check_aov_steps(scene.world.aovs, "World: aovs")
+        check_volume_steps(scene.world.volume, "World: volume")
+
+
+def check_volume_steps(volume: Volume | None, label: str) -> None:
+    """Raise ValueError where a parameter of a volume cannot be computed."""
+    if volume is None:
+        return
+    check_program_steps(volume.program, f"{label}: program")
+    for closure in volume.closures:
+        for name, register in closure.registers.items():
+            check_output(register, volume.program, f"{label}: {closure.kind}: {name}")
 
 
 def check_aov_steps(aovs: Aovs | None, label: str) -> None:
