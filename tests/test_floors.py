@@ -19,7 +19,18 @@ from tests.folders import ROOT
 FLOORS = {
     "raytracer": (
         *("lecture", "files", "arrays", "predicates", "sampling", "scene", "textures", "processes", "casting", "film"),
-        *("surfaces", "bsdfs", "shading", "lights", "integrator", "rendering", "commands", "__init__", "__main__"),
+        *(
+            "surfaces",
+            "bsdfs",
+            "media",
+            "shading",
+            "lights",
+            "integrator",
+            "rendering",
+            "commands",
+            "__init__",
+            "__main__",
+        ),
     ),
     "addon": (
         *("interrupts", "versions", "passes", "properties", "editors", "handlers", "extract", "scripting", "scanning"),

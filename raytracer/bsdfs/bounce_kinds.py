@@ -13,25 +13,26 @@ from raytracer.arrays.rows import lay_columns, sum_columns, take_rows
 from raytracer.arrays.types import Counts, Floats, Kinds
 
 # The bits of a kind. A reflection lacks TRANSMITTED, and is DIFFUSE or GLOSSY; what is SINGULAR is GLOSSY as well.
-STRAIGHT, DIFFUSE, GLOSSY, SINGULAR, TRANSMITTED = 0, 1, 2, 4, 8
+# What a medium has scattered is nothing else.
+STRAIGHT, DIFFUSE, GLOSSY, SINGULAR, TRANSMITTED, SCATTERED = 0, 1, 2, 4, 8, 16
 
 
-# Counts (n, 3) of bounces: diffuse reflections, glossy reflections, transmissions of any kind.
-COUNTED = ("diffuse", "glossy", "transmission")
+# Counts (n, 4) of bounces: diffuse reflections, glossy reflections, transmissions of any kind, scattering by media.
+COUNTED = ("diffuse", "glossy", "transmission", "volume")
 
 
 def _count_one(kind: int) -> list[bool]:
     """Return the counts of one bounce."""
-    column = 2 if kind & TRANSMITTED else 0 if kind & DIFFUSE else 1
+    column = 3 if kind & SCATTERED else 2 if kind & TRANSMITTED else 0 if kind & DIFFUSE else 1
     return [kind != STRAIGHT and column == other for other in range(len(COUNTED))]
 
 
 # What a bounce of each kind adds to the counts.
-ADDED_BY_KIND = lay_columns(np.array([_count_one(kind) for kind in range(16)], np.int32))
+ADDED_BY_KIND = lay_columns(np.array([_count_one(kind) for kind in range(17)], np.int32))
 
 
 def count_bounces(counts: Counts, kind: Kinds) -> Counts:
-    """Return the counts (n, 3) of paths after a bounce of each `kind` (n,); straight passages count nowhere."""
+    """Return the counts (n, 4) of paths after a bounce of each `kind` (n,); straight passages count nowhere."""
     return counts + take_rows(ADDED_BY_KIND, kind)
 
 
@@ -43,7 +44,8 @@ def describe_kinds(kind: Kinds, counts: Counts) -> dict[str, Floats]:
         "diffuse": (kind & DIFFUSE) > 0,
         "glossy": (kind & GLOSSY) > 0,
         "singular": (kind & SINGULAR) > 0,
-        "reflection": (kind != STRAIGHT) & ~transmitted,
+        "volume": (kind & SCATTERED) > 0,
+        "reflection": (kind != STRAIGHT) & (kind != SCATTERED) & ~transmitted,
         "transmission": transmitted,
         "depth": sum_columns(counts),
         **{f"{name}_depth": counts[:, column] for column, name in enumerate(COUNTED)},

@@ -46,6 +46,9 @@ def light_pass(part: str, way: str) -> str:
     return f"{part} {way}"
 
 
+# What media scatter to the camera, of one more ray and of all that comes later.
+VOLUME_DIRECT, VOLUME_INDIRECT = "Volume Direct", "Volume Indirect"
+
 # What Cryptomatte tells apart, and the most passes of each.
 MATTES = ("Object", "Material", "Asset")
 MOST_MATTES = 8
@@ -71,6 +74,7 @@ PASSES = {
         for part in LIGHT_PARTS
         for way in ("Direct", "Indirect")
     },
+    **{name: Pass(3, needs_light=True, exposed=True) for name in (VOLUME_DIRECT, VOLUME_INDIRECT)},
     "Environment": Pass(3, needs_light=True, exposed=True),  # the world as it is seen straight
     "Mist": Pass(1, miss=1.0),  # 0 near the camera to 1 in the distance
     **{matte_pass(kind, number): Pass(4, matte=kind) for kind in MATTES for number in range(MOST_MATTES)},

@@ -16,7 +16,7 @@ import numpy as np
 
 from raytracer.arrays.rows import sum_columns
 from raytracer.arrays.types import Booleans, Counts, Floats, Kinds, Masks
-from raytracer.bsdfs.bounce_kinds import COUNTED, DIFFUSE, STRAIGHT, TRANSMITTED
+from raytracer.bsdfs.bounce_kinds import COUNTED, DIFFUSE, SCATTERED, STRAIGHT, TRANSMITTED
 from raytracer.integrator.settings import Settings
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 
@@ -44,12 +44,14 @@ def survival_probability(throughput: Floats) -> Floats:
 def _class_of_kind(kind: int) -> int:
     if kind == STRAIGHT:
         return SEEN_BY["camera"]
+    if kind & SCATTERED:
+        return SEEN_BY_ALL  # no flag says what such rays see: all that any see
     if kind & TRANSMITTED:
         return SEEN_BY["transmission"]
     return SEEN_BY["diffuse" if kind & DIFFUSE else "glossy"]
 
 
-CLASS_OF_KIND = np.array([_class_of_kind(kind) for kind in range(16)], dtype=np.uint8)
+CLASS_OF_KIND = np.array([_class_of_kind(kind) for kind in range(17)], dtype=np.uint8)
 
 
 def classify_rays(kind: Kinds) -> Masks:
@@ -60,7 +62,11 @@ def classify_rays(kind: Kinds) -> Masks:
 # Rays of each kind meet lights and the world if those are seen by all these classes: unlike objects, Cycles hides them
 # from diffusely transmitted rays by either flag (kernel/light/common.h).
 CLASSES_OF_KIND = np.array(
-    [_class_of_kind(kind) | (SEEN_BY["diffuse"] if kind & DIFFUSE else 0) for kind in range(16)], dtype=np.uint8
+    [
+        0 if kind & SCATTERED else _class_of_kind(kind) | (SEEN_BY["diffuse"] if kind & DIFFUSE else 0)
+        for kind in range(17)
+    ],
+    dtype=np.uint8,
 )
 
 

@@ -5,13 +5,15 @@ Passes mean what they mean in Cycles (intern/cycles/kernel/film/data_passes.h).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from raytracer.arrays.rows import mean_column, sum_columns
 from raytracer.arrays.types import Booleans, Floats, Indices
-from raytracer.bsdfs.bounce_kinds import describe_kinds
+from raytracer.bsdfs.bounce_kinds import SCATTERED, describe_kinds
 from raytracer.bsdfs.lobe_colors import sum_lobe_colors
 from raytracer.casting.rays import Hits
 from raytracer.film.mattes import add_coverage
@@ -27,7 +29,12 @@ from raytracer.integrator.picked_lights import LightGroup, split_by_light
 from raytracer.lecture import length
 from raytracer.lights.emitter_table import Emitters
 from raytracer.lights.emitters import emitter_density
-from raytracer.lights.environment import Environment, environment_density, evaluate_environment
+from raytracer.lights.environment import (
+    Environment,
+    density_everywhere,
+    environment_density,
+    evaluate_environment,
+)
 from raytracer.lights.light_nodes import ComputedLight, find_factor
 from raytracer.lights.light_shapes import LightHits
 from raytracer.lights.light_tree import find_near_lights
@@ -77,6 +84,9 @@ def see_background(integrator: Integrator, background: Environment, paths: Paths
     """Return what the world adds to paths (k, 3) that see it, in the share that light sampling leaves to them."""
     directions = paths.rays.directions
     sampled = environment_density(background, paths.scatter_normal, directions)
+    if paths.media is not None:
+        rows = np.flatnonzero(paths.kind == SCATTERED)
+        sampled[rows] = density_everywhere(background, directions[rows])
     if background.max_bounces is not None and background.grid is not None:
         # Cycles' share of those that come from where the world is no light: it samples by the map alone.
         unlit = np.flatnonzero(sum_columns(paths.bounces) > background.max_bounces + 1)
@@ -90,16 +100,27 @@ def see_background(integrator: Integrator, background: Environment, paths: Paths
     return clamp_met(integrator.settings, paths.bounces, paths.throughput * share * radiance)
 
 
-def add_visible_lights(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> None:
-    """Rays see the lights that they pass before they hit, if those are for them to see."""
+# What share (k, 3) of light gets to rays, some rows (k,) of a wave, from so many metres (k,) away.
+Dim = Callable[[Indices, Floats], Floats]
+
+
+def add_visible_lights(
+    integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, dim: Dim | None = None
+) -> None:
+    """Rays see the lights that they pass before they hit, if those are for them to see.
+
+    dim : what media on the way do to their light; None where there are none
+    """
     for light in integrator.visible_lights:
-        add_visible_light(integrator, light, passes, paths, hits)
+        add_visible_light(integrator, light, passes, paths, hits, dim=dim)
     for group in integrator.visible_groups:
-        add_visible_group(integrator, group, passes, paths, hits)
+        add_visible_group(integrator, group, passes, paths, hits, dim)
 
 
-def add_visible_group(integrator: Integrator, group: LightGroup, passes: PathPasses, paths: Paths, hits: Hits) -> None:
-    """Add what rays see of many lights."""
+def add_visible_group(
+    integrator: Integrator, group: LightGroup, passes: PathPasses, paths: Paths, hits: Hits, dim: Dim | None = None
+) -> None:
+    """Add what rays see of many lights; dim : as of `add_visible_lights`."""
     rows = np.flatnonzero(meet_lights(paths.kind, group.example.seen_by))
     paths, hits = paths.select(rows), hits.select(rows)
     ray, number = find_near_lights(group.tree, paths.scatter_origin, paths.rays.directions)
@@ -107,15 +128,28 @@ def add_visible_group(integrator: Integrator, group: LightGroup, passes: PathPas
     chance = group.find_chance(number, points)
     for light, pairs in split_by_light(group, number):
         met = ray[pairs]
-        add_visible_light(integrator, light, passes, paths.select(met), hits.select(met), chance[pairs])
+        within = None if dim is None else partial(_dim_some, dim, rows[met])
+        add_visible_light(integrator, light, passes, paths.select(met), hits.select(met), chance[pairs], within)
+
+
+def _dim_some(dim: Dim, chosen: Indices, rows: Indices, distance: Floats) -> Floats:
+    """Return what `dim` makes of light that comes to some of the `chosen` rays."""
+    return dim(chosen[rows], distance)
 
 
 def add_visible_light(
-    integrator: Integrator, light: Light, passes: PathPasses, paths: Paths, hits: Hits, chance: Floats | float = 1.0
+    integrator: Integrator,
+    light: Light,
+    passes: PathPasses,
+    paths: Paths,
+    hits: Hits,
+    chance: Floats | float = 1.0,
+    dim: Dim | None = None,
 ) -> None:
     """Add what rays see of one light; the directions of camera rays may have any length.
 
     chance : with which the light was aimed at where the rays come from, one for all or (n,)
+    dim : as of `add_visible_lights`
     """
     unit = length(paths.rays.directions)
     seen = evaluate_light(light, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
@@ -129,7 +163,10 @@ def add_visible_light(
     rows = np.flatnonzero(passed)
     if len(rows):
         chance = chance if isinstance(chance, float) else chance[rows]
-        add_light_met(integrator, light, passes, paths.select(rows), seen.select(rows), chance)
+        paths, seen = paths.select(rows), seen.select(rows)
+        if dim is not None:
+            paths = replace(paths, throughput=paths.throughput * dim(rows, seen.distance))
+        add_light_met(integrator, light, passes, paths, seen, chance)
 
 
 def add_light_met(
@@ -187,6 +224,9 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     """Fill the passes that describe the first opaque surface straight ahead of the camera; what is a hole is none."""
     paths, surface, shading = wave.paths, wave.surface, wave.shading
     holes = punch_holes(passes, wave)
+    if paths.media is not None:  # the mere border of a medium is nothing to see
+        is_border = paths.media.index.is_border[surface.material]
+        holes = is_border if holes is None else holes | is_border
     direct = np.flatnonzero(paths.direct if holes is None else paths.direct & ~holes)
     if not len(direct):
         return

@@ -14,7 +14,7 @@ import numpy as np
 
 from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
 from raytracer.scene.lights import World
-from raytracer.scene.materials import Closure
+from raytracer.scene.materials import Closure, Material
 from raytracer.scene.programs import Register
 from raytracer.scene.scene import Scene
 from raytracer.shading.evaluate import casts_rays, reads_light_path
@@ -51,6 +51,7 @@ class Features:
     occlusion : a program casts rays
     light_nodes : a light has nodes that vary
     light_bounces : a light or the world has a limit of bounces
+    media : a material or the world has a volume
     """
 
     smooth_normals: bool
@@ -73,6 +74,7 @@ class Features:
     occlusion: bool
     light_nodes: bool
     light_bounces: bool
+    media: bool = False
 
 
 def _may(closure: Closure, name: str, predicate: Callable[[Any], Any]) -> bool:
@@ -135,6 +137,12 @@ def _shines(world: World) -> bool:
     return isinstance(world.color, Register) or bool(world.color.any())
 
 
+def has_medium(record: Material | World) -> bool:
+    """True where something fills the space behind a material, or the world; a mere border is one, of whatever."""
+    filled = record.volume is not None and bool(record.volume.closures)
+    return filled or (isinstance(record, Material) and record.only_volume)
+
+
 def _is_any(scene: Scene, name: str) -> bool:
     """True where an instance, or a group of spheres, has a property."""
     placed = scene.instances is not None and bool(getattr(scene.instances, name).any())
@@ -175,4 +183,5 @@ def derive_features(scene: Scene) -> Features:
         occlusion=any(casts_rays(material.program) for material in scene.materials),
         light_nodes=any(light.nodes is not None for light in scene.lights),
         light_bounces=any(light.max_bounces is not None for light in (*scene.lights, *filter(None, [scene.world]))),
+        media=any(map(has_medium, scene.materials)) or (scene.world is not None and has_medium(scene.world)),
     )

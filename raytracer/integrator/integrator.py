@@ -36,8 +36,10 @@ from raytracer.integrator.light_sources import (
 )
 from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_picked_sources, split_lights
 from raytracer.integrator.random_walk import count_numbers
+from raytracer.integrator.scene_media import SceneMedia, make_scene_media
 from raytracer.integrator.scene_records import find_camera_axes, find_eye, find_identities, gather_records
 from raytracer.integrator.settings import Settings
+from raytracer.integrator.shadow_media import media_visibility
 from raytracer.integrator.shadow_rays import (
     CastShadows,
     Visibility,
@@ -54,7 +56,7 @@ from raytracer.lights.light_nodes import ComputedLight, make_computed_lights
 from raytracer.lights.lights import has_extent
 from raytracer.lights.sky_aovs import SkyAovs, make_sky_aovs
 from raytracer.sampling.dimensions import WaveDimensions, allocate_dimensions
-from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
+from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.light_groups import NO_GROUP
 from raytracer.scene.lights import Light
 from raytracer.scene.scene import Scene
@@ -112,6 +114,7 @@ class Integrator:
     terminator : offsets of the shadow terminator; None where no smooth mesh has any
     cast_inside : finds what rays below a surface hit of their own object; None where no light goes there
     glints : what narrow lobes meet by chance alone; none where there are no such lobes, or no pass has an error
+    media : what fills space; None where nothing does
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     catchers_only : the stages of the scene without all but its shadow catchers, or None
     """
@@ -154,6 +157,7 @@ class Integrator:
     grouped: GroupedLight | None = None
     cast_inside: CastInside | None = None
     glints: tuple[Glint, ...] = ()
+    media: SceneMedia | None = None
 
     @property
     def world_group(self) -> int:
@@ -210,7 +214,8 @@ def prepare(
     if features.light_nodes and needs_light:
         computed = make_computed_lights(scene.lights, scene.camera, resolution)
     told_apart = list_told_apart(apart, features, background, scene.lights)
-    given = (scene, settings, features, tables, materials, background, terminator, computed, seen_by, told_apart)
+    media = make_scene_media(scene, caster, tables, resolution) if features.media else None
+    given = (scene, settings, features, tables, materials, background, terminator, computed, seen_by, told_apart, media)
     compose = partial(_compose, *given, aims_at_all)
     whole = compose(caster)
     if features.narrow and "Combined" in select_passes(settings.passes, from_centre=False):
@@ -259,6 +264,7 @@ def _compose(
     computed: Mapping[Light, ComputedLight],
     seen_by: Masks | None,
     told_apart: frozenset[int],
+    media: SceneMedia | None,
     aims_at_all: bool,
     caster: RayCaster,
     present: Booleans | None = None,
@@ -267,6 +273,7 @@ def _compose(
 
     computed : what evaluates the nodes of lights that have any
     seen_by : (instances + groups,) uint8, the classes of rays that see each; None where all see all
+    media : what fills space; None where nothing does
     told_apart : as of Integrator
     aims_at_all : as of `prepare`
     caster : of what is present
@@ -274,16 +281,18 @@ def _compose(
     """
     needs_light = asks_for_light(settings)
     interreflects = (settings.integrator == "path" or bool(told_apart)) and features.diffuse and needs_light
+    scatters = media is not None and settings.integrator == "path"
     emitters = None
     if features.emission and needs_light:
         emitters = make_emitters(tables, materials.radiance, partial(find_radiance, materials), present)
     lights = [light for light in scene.lights if light_is_on(light)] if needs_light else []
-    links = LightLinks(*_gather_links(scene, "light_set", "receivers")) if features.light_linking else None
+    links = _link_lights(scene, media is not None) if features.light_linking else None
     shadow_links = ShadowLinks(*_gather_links(scene, "shadow_set", "blockers")) if features.shadow_linking else None
     groups: list[LightGroup]
     aimed_at, groups = (lights, []) if aims_at_all else split_lights(lights, links, computed)
     sources: list[LightSource] = [
-        make_light_source(light, features.rough or interreflects, links, computed.get(light)) for light in aimed_at
+        make_light_source(light, features.rough or interreflects or scatters, links, computed.get(light))
+        for light in aimed_at
     ]
     sources += [source for group in groups for source in make_picked_sources(group)]
     if emitters is not None:
@@ -297,8 +306,9 @@ def _compose(
     dimensions = allocate_dimensions(
         [source.dimension_count for source in sources],
         programs=features.occlusion,
-        roulette=interreflects,
+        roulette=interreflects or scatters,
         walk_count=count_numbers() if features.subsurface else 0,
+        media=media is not None,
     )
     sources = [replace(source, dimension=first) for source, first in zip(sources, dimensions.sources, strict=True)]
     # What is left out keeps its dimensions, so that the others are sampled alike with it and without.
@@ -311,7 +321,7 @@ def _compose(
         aimed_at = [light for light in aimed_at if light.shadow_catcher]
         groups = [group for group in groups if group.example.shadow_catcher]
         settings = replace(settings, passes=("Combined",))
-    looks = features.specular or interreflects
+    looks = features.specular or interreflects or scatters
     visible_lights = tuple(light for light in aimed_at if has_extent(light) and _is_met(light, looks))
     visible_groups = tuple(group for group in groups if group.has_extent and _is_met(group.example, looks))
     aimed = set_chances(sources, told_apart)
@@ -320,7 +330,10 @@ def _compose(
     cast_shadow = make_shadow_cast(
         cast, None if shadow_links is None else make_linked_cast(cast, shadow_links.shadow_set)
     )
-    if features.transparency:
+    if media is not None:
+        assert settings.shadow_passages is not None  # as Settings fills it in
+        visibility = media_visibility(cast_shadow, tables, materials, settings.shadow_passages, media)
+    elif features.transparency:
         assert settings.shadow_passages is not None  # as Settings fills it in
         visibility = transparent_visibility(cast_shadow, tables, materials, settings.shadow_passages)
     else:
@@ -350,7 +363,11 @@ def _compose(
         goes_on=features.specular or features.transparency or features.subsurface or interreflects,
         interreflects=interreflects,
         visible_groups=visible_groups,
-        emission_ahead=bool(visible_lights) or bool(visible_groups) or emitters is not None or background is not None,
+        emission_ahead=bool(visible_lights)
+        or bool(visible_groups)
+        or emitters is not None
+        or background is not None
+        or (media is not None and media.emits),
         dimensions=dimensions,
         links=links,
         shadow_links=shadow_links,
@@ -361,12 +378,22 @@ def _compose(
         or any(reads_light_path(light.nodes.program) for light in computed.values()),
         terminator=terminator,
         cast_inside=make_inside_cast(caster, order) if features.subsurface and needs_light else None,
+        media=media,
     )
 
 
 def _gather_links(scene: Scene, *names: str) -> list[NDArray[np.int64]]:
     """Return the sets that objects belong to, and those that each shines on or is shadowed by."""
     return [gather_records(scene, name, np.int64) for name in names]
+
+
+def _link_lights(scene: Scene, with_world: bool) -> LightLinks:
+    """Return which objects are lit by what; with_world : the last row, which is number -1, stands for what fills the
+    world: it is of the first set."""
+    sets, receivers = _gather_links(scene, "light_set", "receivers")
+    if with_world:
+        sets, receivers = np.append(sets, 0), np.append(receivers, ALL_SETS)
+    return LightLinks(sets, receivers)
 
 
 def _hides_emitters(emitters: Emitters, seen_by: Masks) -> bool:

@@ -20,7 +20,7 @@ from raytracer.arrays.types import Booleans, Floats, Indices, Integers
 from raytracer.bsdfs.bounce_kinds import TRANSMITTED
 from raytracer.bsdfs.bsdf import BsdfSample, evaluate_bsdf
 from raytracer.bsdfs.closures import Shading
-from raytracer.film.passes import LIGHT_PARTS, light_pass
+from raytracer.film.passes import LIGHT_PARTS, VOLUME_DIRECT, VOLUME_INDIRECT, light_pass
 from raytracer.integrator.denoising import add_met_guides
 from raytracer.integrator.parts import Parts, Split
 from raytracer.integrator.paths import PathPasses, Paths
@@ -76,7 +76,8 @@ def add_scattered(passes: PathPasses, paths: Paths, light: Floats) -> None:
     rows = np.flatnonzero(~paths.direct)
     shares = passes.parts.select(paths.row[rows])
     is_direct = sum_columns(paths.bounces[rows]) == 1
-    add_parts(passes, paths.row[rows], light[rows], shares.scale(light[rows]), is_direct)
+    in_medium = None if passes.in_medium is None else passes.in_medium[paths.row[rows]]
+    add_parts(passes, paths.row[rows], light[rows], shares.scale(light[rows]), is_direct, in_medium)
 
 
 def add_aimed(passes: PathPasses, rays: ShadowRays, arriving: Floats) -> None:
@@ -91,11 +92,29 @@ def add_aimed(passes: PathPasses, rays: ShadowRays, arriving: Floats) -> None:
     if split is None:
         return
     passed = np.divide(arriving, sent, out=np.zeros_like(arriving), where=sent != 0)
-    add_parts(passes, row, arriving, split.parts.scale(passed), split.unscattered)
+    in_medium = None
+    if passes.in_medium is not None:
+        in_medium = np.where(split.unscattered, rays.from_medium, passes.in_medium[row])
+    add_parts(passes, row, arriving, split.parts.scale(passed), split.unscattered, in_medium)
 
 
-def add_parts(passes: PathPasses, row: Indices, light: Floats, parts: Parts, is_direct: Booleans) -> None:
-    """Add light (k, 3) and its parts to the passes of direct, or elsewhere indirect, light."""
+def add_parts(
+    passes: PathPasses,
+    row: Indices,
+    light: Floats,
+    parts: Parts,
+    is_direct: Booleans,
+    in_medium: Booleans | None = None,
+) -> None:
+    """Add light (k, 3) and its parts to the passes of direct, or elsewhere indirect, light.
+
+    in_medium : (k,) True where a medium has scattered the path first, which is a part of its own; None for nowhere
+    """
+    if in_medium is not None:
+        for name, chosen in ((VOLUME_DIRECT, is_direct), (VOLUME_INDIRECT, ~is_direct)):
+            passes.add(name, row[chosen & in_medium], light[chosen & in_medium])
+        rows = np.flatnonzero(~in_medium)
+        row, light, parts, is_direct = row[rows], light[rows], parts.select(rows), is_direct[rows]
     transmitted = light - parts.diffuse - parts.glossy
     for name, values in zip(LIGHT_PARTS, (parts.diffuse, parts.glossy, transmitted), strict=True):
         for way, chosen in (("Direct", is_direct), ("Indirect", ~is_direct)):

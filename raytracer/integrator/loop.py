@@ -33,10 +33,12 @@ from raytracer.integrator.contributions import (
 from raytracer.integrator.denoising import add_guides
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_passes import add_aimed
+from raytracer.integrator.media import cross_media
 from raytracer.integrator.near_misses import note_near_misses
 from raytracer.integrator.open_share import add_open_share
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
 from raytracer.integrator.scattering import Shaded, find_closed, find_finished, scatter
+from raytracer.integrator.scene_media import immerse_paths
 from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_split, start_catching
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
 from raytracer.integrator.subsurface import scatter_below
@@ -50,10 +52,11 @@ PART_SIZE = 1 << 16
 # Most shadow rays that are kept to be cast together; bounds the memory that many sources of light take.
 SHADOW_BATCH = 1 << 20
 
-# What a ray meets on its way to its hit, in this order: stages that add to the passes and change no path. A medium's
-# place is here.
+# What a ray meets on its way to its hit, in this order: stages that add to the passes and change no path. Where there
+# are media, these come first, and dim the lights themselves.
 Stage = Callable[[Integrator, PathPasses, Paths, Hits], None]
 ALONG_RAYS: tuple[Stage, ...] = (add_background, add_visible_lights, add_sky_aovs, note_near_misses)
+BEHIND_MEDIA: tuple[Stage, ...] = (add_background, add_sky_aovs, note_near_misses)
 
 
 def trace(integrator: Integrator, rays: Rays, samples: SobolSamples, hits: Hits | None = None) -> dict[str, Floats]:
@@ -71,6 +74,8 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples, hits: Hits 
     if integrator.glints:
         passes.near = np.zeros(len(rays))
     paths, sampler = start_paths(rays), Sampler(samples, share_samples(samples), 0)
+    if integrator.media is not None:
+        paths = immerse_paths(integrator.media, passes, paths, is_baked=hits is not None)
     if hits is not None:
         paths, sampler = shade_wave(integrator, passes, paths, hits, sampler)
     follow(integrator, passes, paths, sampler)
@@ -91,7 +96,12 @@ def follow(integrator: Integrator, passes: PathPasses, paths: Paths, sampler: Sa
         if passes.lengths is not None:
             passes.lengths[paths.row] += 1.0
         hits = integrator.cast(paths.rays, classify_rays(paths.kind))
-        for stage in ALONG_RAYS:
+        stages, scattered = ALONG_RAYS, []
+        if integrator.media is not None and integrator.needs_light:
+            crossed = cross_media(integrator, passes, paths, hits, sampler)
+            add_direct_light(integrator, passes, crossed.shadow_rays, first=False)
+            paths, hits, scattered, stages = crossed.paths, crossed.hits, crossed.scattered, BEHIND_MEDIA
+        for stage in stages:
             stage(integrator, passes, paths, hits)
         met = np.flatnonzero(hits.hit)
         if len(met) < len(paths):
@@ -99,6 +109,8 @@ def follow(integrator: Integrator, passes: PathPasses, paths: Paths, sampler: Sa
         paths, hits = cut_holes(integrator, passes, paths, hits)
         follow_split(integrator, passes, paths, hits, sampler)
         paths, sampler = shade_wave(integrator, passes, paths, hits, sampler)
+        if scattered:
+            paths = join_paths([paths, *scattered])
 
 
 def follow_split(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, sampler: Sampler) -> None:

@@ -16,12 +16,21 @@ from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.order import join_departures
 from raytracer.casting.rays import Hits, Rays, join_rays
-from raytracer.film.passes import GUIDES, find_pass, list_light_groups, matte_table, select_mattes
+from raytracer.film.passes import (
+    GUIDES,
+    VOLUME_DIRECT,
+    VOLUME_INDIRECT,
+    find_pass,
+    list_light_groups,
+    matte_table,
+    select_mattes,
+)
 from raytracer.integrator.clamping import is_clamped
 from raytracer.integrator.guides import Guides, start_guides
 from raytracer.integrator.parts import Parts, start_parts
 from raytracer.integrator.settings import Settings
-from raytracer.lecture import length
+from raytracer.lecture import dot, length
+from raytracer.media.stack import MediaStack, join_stacks
 from raytracer.surfaces.surface import Surface, depart
 
 
@@ -33,7 +42,7 @@ class Paths:
     rays : their directions are unit vectors once they are scattered
     throughput : (k, 3) float64, what the light from here counts
     kind : (k,) uint8, of its last bounce; STRAIGHT before the first
-    bounces : (k, 3) int32, how many it has taken of each kind in `bounce_kinds.COUNTED`
+    bounces : (k, 4) int32, how many it has taken of each kind in `bounce_kinds.COUNTED`
     passages : (k,) int32, how often it went straight through a surface
     scatter_origin, scatter_normal : (k, 3) float64, where it was scattered last, which light sampling was done from
     density : (k,) float64, with which it was scattered into this direction; inf where light sampling could not
@@ -41,6 +50,7 @@ class Paths:
     scatterer : (k,) int32, instance that it was scattered by last; -1 before the first
     travelled : (k,) float64, metres from scatter_origin to where this stretch begins: a path that goes straight
         through a surface keeps its ray, and goes on `after` what it has met
+    media : what it is inside of; None where the scene has no media
     """
 
     row: NDArray[np.int64]
@@ -55,6 +65,7 @@ class Paths:
     rarest: Numbers
     scatterer: NDArray[np.int32]
     travelled: Numbers
+    media: MediaStack | None = None
 
     def __len__(self) -> int:
         return len(self.row)
@@ -79,6 +90,7 @@ class Paths:
             self.rarest[rows],
             self.scatterer[rows],
             self.travelled[rows],
+            None if self.media is None else self.media.select(rows),
         )
 
 
@@ -102,9 +114,12 @@ def join_paths(parts: Sequence[Paths]) -> Paths:
     if not parts:
         return start_paths(join_rays([]))
     joined = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in Paths.__slots__ if name != "rays"
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in Paths.__slots__
+        if name not in ("rays", "media")
     }
-    return Paths(rays=join_rays([part.rays for part in parts]), **joined)
+    media = join_stacks([part.media for part in parts])
+    return Paths(rays=join_rays([part.rays for part in parts]), media=media, **joined)
 
 
 def start_paths(rays: Rays) -> Paths:
@@ -142,6 +157,8 @@ class PathPasses:
     light_groups : the passes of groups of lights that are asked for, by number
     lengths : (n,) float64, casts along the ray's path; None where nobody asks
     near : (n,) float64, what each would have seen of light that its reflections came near to; None without any
+    in_medium : (n,) bool, True where a medium has scattered the ray's path first; None where no pass asks, or there are
+        no media
     backdrop : (n, 3) float64, the background that the camera sees where catchers are seen through; None where it is no
         part of the picture, or there are none
     """
@@ -159,6 +176,7 @@ class PathPasses:
     lengths: Floats | None = None
     near: Floats | None = None
     light_groups: tuple[str, ...] = ()
+    in_medium: Booleans | None = None
 
     def add(self, name: str, row: NDArray[np.int64], values: Floats) -> None:
         """Add (k, 3), or (k, channels), to a pass, if it is asked for; each ray at most once a call."""
@@ -208,7 +226,8 @@ def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     limit = np.full(count, np.inf) if is_clamped(settings) else None
     lengths = np.zeros(count) if settings.adaptive else None
     depth_unit, found = length(rays.directions), np.zeros(count, dtype=np.bool_)
-    parts = start_parts(count) if any(find_pass(name).color for name in plain) else None
+    by_media = any(name in (VOLUME_DIRECT, VOLUME_INDIRECT) for name in plain)
+    parts = start_parts(count) if by_media or any(find_pass(name).color for name in plain) else None
     guides = start_guides(count) if any(name in GUIDES for name in plain) else None
     passes = PathPasses(values, depth_unit, found, np.zeros(count), unshadowed, limit)
     groups = list_light_groups(plain)
@@ -231,14 +250,26 @@ def advance(wave: Wave, sample: BsdfSample) -> Paths:
         throughput=old.throughput * take_rows(sample.weight, alive),
         kind=np.where(straight, old.kind, kind),
         bounces=count_bounces(old.bounces, kind),
-        passages=old.passages + straight,
+        passages=old.passages + find_counted(old.media, surface, straight),
         scatter_origin=np.where(scattered, surface.position, old.scatter_origin),
         scatter_normal=np.where(scattered, take_rows(wave.shading.normal, alive), old.scatter_normal),
         density=np.where(straight, old.density, sample.density[alive]),
         rarest=np.minimum(old.rarest, sample.density[alive]),
         scatterer=np.where(straight, old.scatterer, surface.instance),
         travelled=np.where(straight, wave.hits.distance[alive] * length(old.rays.directions), 0.0),
+        media=None if old.media is None else cross_surfaces(old.media, surface, direction, straight),
     )
+
+
+def find_counted(media: MediaStack | None, surface: Surface, straight: Booleans) -> Booleans:
+    """Return (n,) True where going straight through a surface counts: not through the mere border of a medium."""
+    return straight if media is None else straight & ~media.index.is_border[surface.material]
+
+
+def cross_surfaces(media: MediaStack, surface: Surface, direction: Vectors, straight: Booleans) -> MediaStack:
+    """Return what paths are inside of that leave n points of a surface in directions (n, 3), or go on straight (n,)."""
+    crosses = straight | (surface.front == (dot(surface.geometric_normal, direction) < 0))
+    return media.cross(surface.instance, surface.material, surface.front, crosses)
 
 
 def keep_straight(rays: Rays, old: Rays, hits: Hits, straight: Booleans) -> Rays:

@@ -44,6 +44,7 @@ from raytracer.bsdfs.subsurface import Medium
 from raytracer.casting.ray_visibility import CastInside
 from raytracer.casting.rays import Hits, Rays, make_misses, select_rows
 from raytracer.lecture import dot
+from raytracer.media.phases import evaluate_henyey_greenstein, lift_cosine, sample_henyey_greenstein
 from raytracer.sampling.sampler import Sampler
 
 # As in Cycles: the most steps, and the last that is taken in the anisotropic medium.
@@ -245,12 +246,12 @@ def turn(walks: Walks, number: int, pair: Floats, strategy: Floats) -> tuple[Wal
     cosine = np.where(
         is_guided,
         decay - (decay + 1.0) * np.exp(-pair[:, 0] * log_ratio),
-        sample_phase(medium.anisotropy, pair[:, 0]),
+        sample_henyey_greenstein(medium.anisotropy, pair[:, 0]),
     )
     axis = np.where(is_guided[:, np.newaxis], sign[:, np.newaxis] * walks.way_out, walks.direction)
     direction = normalize(to_world(lift_cosine(cosine, pair[:, 1]), axis))
     outward = dot(direction, walks.way_out)
-    phase = evaluate_phase(medium.anisotropy, dot(direction, walks.direction))
+    phase = evaluate_henyey_greenstein(medium.anisotropy, dot(direction, walks.direction))
     ways = [Way(1.0 - guided, 1.0, 1.0)]
     for share, along in ((guided - backward, outward), (backward, -outward)):
         if np.any(share > 0):
@@ -284,28 +285,6 @@ def find_backward_share(walks: Walks) -> Floats:
     exponent = (thickness - 2.0 * np.clip(depth, 0.0, thickness)) * extinction / walks.decay[seen]
     share[seen] = 1.0 / (1.0 + np.exp(np.minimum(exponent, LARGEST_DEPTH)))
     return share
-
-
-def sample_phase(anisotropy: Floats, number: Floats) -> Floats:
-    """Return cosines (k,) of Henyey and Greenstein's density, by inversion: (1 + g^2 - ((1 - g^2) / (1 - g + 2 g u))^2)
-    / 2 g, and 1 - 2 u without g."""
-    g = np.where(anisotropy == 0, 1.0, anisotropy)
-    root = (1.0 - g * g) / np.where(anisotropy == 0, 1.0, 1.0 - g + 2.0 * g * number)
-    bent = (1.0 + g * g - root * root) / (2.0 * g)
-    return np.clip(np.where(anisotropy == 0, 1.0 - 2.0 * number, bent), -1.0, 1.0)
-
-
-def evaluate_phase(anisotropy: Floats, cosine: Floats) -> Floats:
-    """Return Henyey and Greenstein's density (k,) per solid angle, (1 - g^2) / (4 pi (1 + g^2 - 2 g c)^(3/2))."""
-    g = anisotropy
-    base = np.maximum(1.0 + g * g - 2.0 * g * cosine, (1.0 - np.abs(g)) ** 2)
-    return (1.0 - g * g) / (4.0 * np.pi * base * np.sqrt(base))
-
-
-def lift_cosine(cosine: Floats, number: Floats) -> Floats:
-    """Return unit vectors (k, 3) at `cosine` (k,) to the z axis, turned around it by `number` (k,) rounds."""
-    sine, angle = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0)), 2.0 * np.pi * number
-    return np.stack([sine * np.cos(angle), sine * np.sin(angle), cosine], axis=1)
 
 
 def measure_thickness(walks: Walks, hits: Hits) -> Floats:

@@ -20,6 +20,7 @@ from raytracer.integrator.light_passes import note_scattering, split_paths
 from raytracer.integrator.light_sources import ShadingPoints
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance
 from raytracer.integrator.shadow_linking import add_linked_light
+from raytracer.integrator.shadow_media import immerse_shadows
 from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.sampling.sampler import Sampler
 from raytracer.shading.light_path import Depths
@@ -72,6 +73,8 @@ def scatter_by(
     throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
     split = split_paths(passes, paths)
     shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row, split=split)
+    if integrator.dimensions.medium is not None:
+        shadow_rays = immerse_shadows(shadow_rays, wave, sampler, integrator.dimensions.medium)
 
     # BSDF sampling: where does the path go on?
     if choice is None:

@@ -54,8 +54,8 @@ class Settings:
     integrator : 'direct' follows reflection and transmission but diffuse, or diffuse only to what shines, where that
         makes a difference (`integrator.told_apart`); 'path' everything
     max_bounces : reflections and transmissions that a ray may go through; straight passages do not count
-    diffuse_bounces, glossy_bounces, transmission_bounces : how many of them may be diffuse reflections, other
-        reflections, and transmissions; None takes max_bounces
+    diffuse_bounces, glossy_bounces, transmission_bounces, volume_bounces : how many of them may be diffuse reflections,
+        other reflections, transmissions, and scattering by media; None takes max_bounces
     transparent_bounces : straight passages of a ray, after the last of which it only sees emission (0 as 1, as in
         Cycles)
     shadow_passages : the most straight passages of a ray together with a shadow ray from it; None takes
@@ -93,6 +93,7 @@ class Settings:
     diffuse_bounces: int | None = None
     glossy_bounces: int | None = None
     transmission_bounces: int | None = None
+    volume_bounces: int | None = None
     transparent_bounces: int = 128
     shadow_passages: int | None = None
     clamp_direct: float = 0.0
@@ -114,7 +115,7 @@ class Settings:
     interleaving: int | None = None
 
     def __post_init__(self) -> None:
-        for name in ("diffuse_bounces", "glossy_bounces", "transmission_bounces"):
+        for name in ("diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, self.max_bounces)
         if self.shadow_passages is None:
@@ -126,6 +127,7 @@ class Settings:
             ("diffuse_bounces", 0, None),
             ("glossy_bounces", 0, None),
             ("transmission_bounces", 0, None),
+            ("volume_bounces", 0, None),
             ("transparent_bounces", 0, None),
             ("shadow_passages", 0, None),
             ("seed", 0, WORD_LIMIT - 1),

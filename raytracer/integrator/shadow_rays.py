@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import any_column
-from raytracer.arrays.types import Booleans, Floats, Indices, Integers, Keys, Masks
+from raytracer.arrays.types import Booleans, Counts, Floats, Indices, Integers, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.casting.order import Order
 from raytracer.casting.ray_visibility import CastLinked, CastRays, RayCaster, find_any
@@ -22,6 +22,7 @@ from raytracer.casting.rays import Hits, Rays, join_rays
 from raytracer.integrator.light_sources import ALONE
 from raytracer.integrator.parts import Split
 from raytracer.lecture import length
+from raytracer.media.stack import Immersed, join_immersed
 from raytracer.scene.fields import ALL_SETS, SEEN_BY
 from raytracer.scene.light_groups import NO_GROUP
 from raytracer.shading.light_path import Depths, LightPath, describe_reflected, describe_shadow_rays
@@ -46,6 +47,7 @@ class Shadows:
         it
     cast_as : (n,) uint8, bits of SEEN_BY, the classes whose objects they meet
     blockers : (n,) int64, the sets of objects that they meet, as bits; None where all meet all
+    immersed : what they start inside of; None where the scene has no media
     """
 
     rays: Rays
@@ -53,12 +55,14 @@ class Shadows:
     unstopped: Booleans
     cast_as: Masks
     blockers: NDArray[np.int64] | None = None
+    immersed: Immersed | None = None
 
     def select(self, rows: Any) -> Shadows:
         """Return some of the rays: index or boolean array."""
         blockers = None if self.blockers is None else self.blockers[rows]
+        immersed = None if self.immersed is None else self.immersed.select(rows)
         depths, unstopped, cast_as = self.depths.select(rows), self.unstopped[rows], self.cast_as[rows]
-        return Shadows(self.rays.select(rows), depths, unstopped, cast_as, blockers)
+        return Shadows(self.rays.select(rows), depths, unstopped, cast_as, blockers, immersed)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -75,6 +79,8 @@ class ShadowRays:
     blockers : the sets of objects that shadow the light, as bits, one for all or (k,)
     split : the light in parts; None where no pass asks
     light_group : number of the group of the light, one for all or (k,)
+    immersed : what the rays start inside of; None where the scene has no media
+    from_medium : True where media send the light on, not surfaces
     """
 
     row: Indices
@@ -89,6 +95,8 @@ class ShadowRays:
     split: Split | None = None
     light_group: Integers | int = NO_GROUP
     blockers: NDArray[np.int64] | int = ALL_SETS
+    immersed: Immersed | None = None
+    from_medium: bool = False
 
 
 def cast_shadows(visibility: Visibility, shadow_rays: Sequence[ShadowRays]) -> list[Floats]:
@@ -125,6 +133,7 @@ def join_shadows(sources: Sequence[ShadowRays]) -> Shadows:
         np.repeat([of_source.unstopped for of_source in sources], counts),
         np.repeat(np.array([of_source.cast_as for of_source in sources], np.uint8), counts),
         _join_blockers(sources),
+        join_immersed([of_source.immersed for of_source in sources]),
     )
 
 
@@ -205,7 +214,7 @@ def _see_through(
         surface = make_surface(tables, shadows.rays, hits)
         path = None
         if materials.computed is not None:
-            path = _describe(shadows, hits.distance * length(shadows.rays.directions), passed)
+            path = describe_shadows(shadows, hits.distance * length(shadows.rays.directions), passed)
         left[rows] *= find_transparency(materials, surface, shadows.unstopped, path)
         left[rows[shadows.depths.passages + passed >= most]] = 0.0
         passed += 1
@@ -215,14 +224,15 @@ def _see_through(
     return left
 
 
-def _describe(shadows: Shadows, metres: Floats, passed: int) -> LightPath:
-    """Return what programs can ask of shadow rays that meet surfaces after so many metres (n,): of those that are cast
-    as reflected rays, what those would tell."""
+def describe_shadows(shadows: Shadows, metres: Floats, passed: Counts | int) -> LightPath:
+    """Return what programs can ask of shadow rays that meet surfaces after so many metres (n,), and as many passed
+    before: of those that are cast as reflected rays, what those would tell."""
     path = describe_shadow_rays(metres, shadows.depths, passed)
     rows = np.flatnonzero(shadows.cast_as != SEEN_BY["shadow"])
     if len(rows):
         kind = np.where(shadows.cast_as[rows] == SEEN_BY["diffuse"], DIFFUSE, GLOSSY).astype(np.uint8)
-        reflected = describe_reflected(kind, metres[rows], shadows.depths.select(rows), passed).values
+        before = passed if isinstance(passed, int) else passed[rows]
+        reflected = describe_reflected(kind, metres[rows], shadows.depths.select(rows), before).values
         path.values["shadow"][rows] = 0.0
         for name, values in reflected.items():
             path.values.setdefault(name, np.zeros(len(metres)))[rows] = values

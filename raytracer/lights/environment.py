@@ -181,6 +181,14 @@ def environment_density(environment: Environment, normal: Floats, directions: Fl
     return density if environment.grid is None else density + map_density(environment.grid, directions)
 
 
+def density_everywhere(environment: Environment, directions: Floats) -> Floats:
+    """Return what `environment_density` does from points in space, which have no normal: directions are taken evenly
+    there, in place of around it."""
+    even = 0.0 if environment.by_map_alone else 1.0 / (4.0 * np.pi)
+    density = np.full(len(directions), even)
+    return density if environment.grid is None else density + map_density(environment.grid, directions)
+
+
 # The map
 
 

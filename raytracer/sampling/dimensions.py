@@ -6,7 +6,7 @@ says. Sets of pixels that share samples have the same numbers again, from SHARED
 lacks leaves its numbers to the next; a source of light that only part of the scene sees keeps them, so that the other
 part is sampled alike.
 
-A new use (a distance in a medium) gets its own line here: two uses of one number would be correlated.
+A new use gets its own line here: two uses of one number would be correlated.
 """
 
 from __future__ import annotations
@@ -30,6 +30,12 @@ TIME_DIMENSION = 2**32 - 6
 SHARED_DIMENSION = 2**31
 
 
+# Of a way through media: its distance and channel; random numbers of ways that vary; the lobe and the direction that it
+# is scattered to; whether it goes on; two ways to sample the world.
+DISTANCE, NOISE, PHASE_LOBE, PHASE_DIRECTION, PHASE_ROULETTE, AROUND, AFTER_MAP = range(7)
+MEDIUM_COUNT = 7
+
+
 @dataclass(frozen=True)
 class WaveDimensions:
     """The numbers that the stages of one wave take, counted from the wave's first.
@@ -41,6 +47,8 @@ class WaveDimensions:
     roulette : whether the path goes on; None where that is not left to chance
     walk : of ways through what is below surfaces, the first; None where there are none
     exit : where those end, what the numbers of a wave count from again
+    medium : of ways through media, the first of MEDIUM_COUNT and one for each source; None where there are none
+    lit : of the light that is sampled along these ways, what the numbers of a wave count from once more
     count : how many a wave takes in all
     """
 
@@ -52,10 +60,12 @@ class WaveDimensions:
     count: int
     walk: int | None = None
     exit: int = 0
+    medium: int | None = None
+    lit: int = 0
 
 
 def allocate_dimensions(
-    source_counts: Sequence[int], programs: bool, roulette: bool, walk_count: int = 0
+    source_counts: Sequence[int], programs: bool, roulette: bool, walk_count: int = 0, media: bool = False
 ) -> WaveDimensions:
     """Return the table of a wave.
 
@@ -63,11 +73,13 @@ def allocate_dimensions(
     programs : True where shader programs cast rays
     roulette : True where paths end by chance
     walk_count : how many numbers a way through what is below a surface takes; 0 where there are none
+    media : True where ways lead through media
 
     Examples
     --------
-    >>> allocate_dimensions([2, 1], programs=True, roulette=True)
-    WaveDimensions(lobe=0, direction=1, sources=(2, 4), programs=5, roulette=6, count=7, walk=None, exit=0)
+    >>> wave = allocate_dimensions([2, 1], programs=True, roulette=True)
+    >>> wave.sources, wave.count
+    ((2, 4), 7)
     """
     lobe, direction = 0, 1
     *sources, end = accumulate(source_counts, initial=direction + 1)
@@ -75,6 +87,9 @@ def allocate_dimensions(
     wave = WaveDimensions(
         lobe, direction, tuple(sources), end if programs else None, count - 1 if roulette else None, count
     )
-    if not walk_count:
-        return wave
-    return replace(wave, walk=count, exit=count + walk_count, count=2 * count + walk_count)
+    if walk_count:
+        wave = replace(wave, walk=count, exit=count + walk_count, count=2 * count + walk_count)
+    if media:
+        lit = wave.count + MEDIUM_COUNT + len(source_counts)
+        wave = replace(wave, medium=wave.count, lit=lit, count=lit + count)
+    return wave

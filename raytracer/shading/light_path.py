@@ -44,7 +44,7 @@ class Depths:
     """How far paths have come to n points.
 
     passages : (n,) int32, straight through surfaces
-    bounces : (n, 3) int32, of each kind in COUNTED; None where no program asks
+    bounces : (n, 4) int32, of each kind in COUNTED; None where no program asks
     """
 
     passages: Counts
@@ -55,7 +55,7 @@ class Depths:
         return Depths(self.passages[rows], None if self.bounces is None else take_rows(self.bounces, rows))
 
 
-def describe_shadow_rays(length: Floats, depths: Depths | None = None, passed: int = 0) -> LightPath:
+def describe_shadow_rays(length: Floats, depths: Depths | None = None, passed: Counts | int = 0) -> LightPath:
     """Return what programs can ask of shadow rays at n surfaces that they meet.
 
     length : (n,) float64, metres from where the rays start
@@ -65,7 +65,7 @@ def describe_shadow_rays(length: Floats, depths: Depths | None = None, passed: i
     return LightPath({"shadow": np.ones(len(length)), **describe_sampling(length, depths, passed).values})
 
 
-def describe_reflected(kind: Kinds, length: Floats, depths: Depths, passed: int = 0) -> LightPath:
+def describe_reflected(kind: Kinds, length: Floats, depths: Depths, passed: Counts | int = 0) -> LightPath:
     """Return what programs can ask of rays that are reflected in ways (n,) of `bounce_kinds`; other arguments as of
     `describe_shadow_rays`."""
     path = describe_sampling(length, depths, passed)
@@ -79,7 +79,7 @@ def put_further(path: LightPath) -> LightPath:
     return LightPath({**path.values, "depth": path.values["depth"] + 1.0}) if "depth" in path.values else path
 
 
-def describe_sampling(length: Floats, depths: Depths | None = None, passed: int = 0) -> LightPath:
+def describe_sampling(length: Floats, depths: Depths | None = None, passed: Counts | int = 0) -> LightPath:
     """Return what programs can ask of rays by which light is sampled; arguments as of `describe_shadow_rays`.
 
     What kind of ray it is they are not told, for one sample serves all ways of reflection; and the light is one bounce

@@ -32,6 +32,7 @@ FACES = np.array(
 CAMERA = raytracer.Camera(np.array([[1, 0, 0, 0], [0, 0.5, -0.866, -14], [0, 0.866, 0.5, 9], [0, 0, 0, 1]], float))
 MOVED_CAMERA = CAMERA.world_from_camera + np.array([[0, 0, 0, 0.5], [0] * 4, [0] * 4, [0] * 4])
 GREY = raytracer.Closure("diffuse", color=0.6)
+FOG = raytracer.VolumeClosure("scatter", color=0.9, density=0.01)
 LIGHT = {"position": (3.0, -4.0, 9.0), "power": 900.0}
 
 
@@ -84,6 +85,11 @@ FEATURES = {
         lambda: make_scene(raytracer.Closure("principled", film_thickness=400.0)),
         {},
         ("thin_film.py", "interfere"),
+    ),
+    "media": (
+        lambda: make_scene(world=raytracer.World(volume=raytracer.Volume(FOG))),
+        {},
+        ("media.py", "cross_media"),
     ),
     "emission": (
         lambda: make_scene(raytracer.Closure("emission", color=0.5)),

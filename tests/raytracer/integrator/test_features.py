@@ -13,6 +13,8 @@ from raytracer import (
     PointLight,
     Scene,
     Spheres,
+    Volume,
+    VolumeClosure,
     World,
 )
 from raytracer.integrator.features import Features, derive_features
@@ -47,6 +49,10 @@ def with_closures(*closures):
         (Scene(lights=[PointLight((0, 0, 0), 1)]), set()),
         (Scene(world=World(0.5)), {"world"}),
         (Scene(world=World(0)), set()),
+        (Scene(world=World(0, volume=Volume())), set()),
+        (Scene(world=World(0, volume=Volume(VolumeClosure("scatter")))), {"media"}),
+        (Scene(materials=Material((), volume=Volume(VolumeClosure("absorption")))), {"media"}),
+        (Scene(materials=Material(only_volume=True)), {"media", "transparency"}),
         (with_closures(), set()),
         (with_closures(Closure("diffuse")), {"diffuse"}),
         (with_closures(Closure("diffuse", color=0)), set()),

@@ -7,7 +7,16 @@ import pytest
 
 import raytracer
 from raytracer.bsdfs import bsdf
-from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED, count_bounces, describe_kinds
+from raytracer.bsdfs.bounce_kinds import (
+    DIFFUSE,
+    GLOSSY,
+    SCATTERED,
+    SINGULAR,
+    STRAIGHT,
+    TRANSMITTED,
+    count_bounces,
+    describe_kinds,
+)
 from raytracer.casting.rays import make_rays
 from raytracer.integrator import bounces, contributions, direct_light, loop, scattering
 from raytracer.integrator.integrator import prepare
@@ -207,26 +216,28 @@ def test_paths_that_two_colors_leave_black_end_without_a_warning():
 
 def test_a_bounce_counts_by_its_kind():
     kinds = np.array(
-        [STRAIGHT, DIFFUSE, GLOSSY, GLOSSY | SINGULAR, GLOSSY | TRANSMITTED, DIFFUSE | TRANSMITTED], np.uint8
+        [STRAIGHT, DIFFUSE, GLOSSY, GLOSSY | SINGULAR, GLOSSY | TRANSMITTED, DIFFUSE | TRANSMITTED, SCATTERED], np.uint8
     )
-    counts = count_bounces(np.ones((6, 3), np.int32), kinds)
-    np.testing.assert_array_equal(counts - 1, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
+    counts = count_bounces(np.ones((7, 4), np.int32), kinds)
+    surfaces = [[0, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 0]]
+    np.testing.assert_array_equal(counts - 1, [*surfaces, [0, 0, 0, 1]])
 
 
 @pytest.mark.parametrize(
     ("limits", "ended"),
     [
-        ({"max_bounces": 5}, True),
-        ({"max_bounces": 6}, False),
+        ({"max_bounces": 7}, True),
+        ({"max_bounces": 8}, False),
         ({"max_bounces": 9, "diffuse_bounces": 2}, False),
         ({"max_bounces": 9, "diffuse_bounces": 1}, True),
         ({"max_bounces": 9, "glossy_bounces": 2}, True),
         ({"max_bounces": 9, "transmission_bounces": 0}, True),
+        ({"max_bounces": 9, "volume_bounces": 1}, True),
         ({"max_bounces": 9, "diffuse_bounces": 2, "glossy_bounces": 3, "transmission_bounces": 1}, False),
     ],
 )
 def test_the_first_limit_that_is_passed_ends_a_path(limits, ended):
-    assert bounces.find_ended(np.array([[2, 3, 1]], np.int32), Settings(**limits))[0] == ended
+    assert bounces.find_ended(np.array([[2, 3, 1, 2]], np.int32), Settings(**limits))[0] == ended
 
 
 @pytest.mark.parametrize("most", [0, 1, 2])
@@ -333,18 +344,21 @@ def test_pictures_are_the_same_for_any_block_size_and_number_of_workers(settings
 
 
 def test_light_path_tells_kinds_and_depths():
-    kinds = np.array([STRAIGHT, DIFFUSE, GLOSSY, GLOSSY | SINGULAR, GLOSSY | TRANSMITTED], np.uint8)
-    told = describe_kinds(kinds, np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 1, 0], [2, 1, 4]], np.int32))
+    kinds = np.array([STRAIGHT, DIFFUSE, GLOSSY, GLOSSY | SINGULAR, GLOSSY | TRANSMITTED, SCATTERED], np.uint8)
+    counts = [[0, 0, 0, 0], [1, 0, 0, 0], [1, 2, 0, 0], [0, 1, 0, 0], [2, 1, 4, 0], [0, 0, 1, 2]]
+    told = describe_kinds(kinds, np.array(counts, np.int32))
     expected = {
-        "camera": [1, 0, 0, 0, 0],
-        "diffuse": [0, 1, 0, 0, 0],
-        "glossy": [0, 0, 1, 1, 1],
-        "singular": [0, 0, 0, 1, 0],
-        "reflection": [0, 1, 1, 1, 0],
-        "transmission": [0, 0, 0, 0, 1],
-        "depth": [0, 1, 3, 1, 7],
-        "diffuse_depth": [0, 1, 1, 0, 2],
-        "glossy_depth": [0, 0, 2, 1, 1],
-        "transmission_depth": [0, 0, 0, 0, 4],
+        "camera": [1, 0, 0, 0, 0, 0],
+        "diffuse": [0, 1, 0, 0, 0, 0],
+        "glossy": [0, 0, 1, 1, 1, 0],
+        "singular": [0, 0, 0, 1, 0, 0],
+        "volume": [0, 0, 0, 0, 0, 1],
+        "reflection": [0, 1, 1, 1, 0, 0],
+        "transmission": [0, 0, 0, 0, 1, 0],
+        "depth": [0, 1, 3, 1, 7, 3],
+        "diffuse_depth": [0, 1, 1, 0, 2, 0],
+        "glossy_depth": [0, 0, 2, 1, 1, 0],
+        "transmission_depth": [0, 0, 0, 0, 4, 1],
+        "volume_depth": [0, 0, 0, 0, 0, 2],
     }
     assert {name: values.tolist() for name, values in told.items()} == expected

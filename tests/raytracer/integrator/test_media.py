@@ -1,0 +1,418 @@
+"""Media against closed forms and quadrature.
+
+What is integrated in closed form is exact to TOLERANCE. What is sampled is a mean over 64 pixels of independent noise:
+it may be 4 of its standard errors off, which with one seed fails right code in 1 of 16,000 tests, and where a test says
+how small the error is, wrong code that differs by twice 4 errors passes as rarely.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import raytracer
+from raytracer import (
+    AreaLight,
+    Closure,
+    Grid,
+    Instances,
+    Material,
+    Mesh,
+    PointLight,
+    Program,
+    Register,
+    Scene,
+    Spheres,
+    SpotLight,
+    Step,
+    SunLight,
+    Volume,
+    VolumeClosure,
+    World,
+)
+from tests.raytracer.integrator.media_scenes import assert_close, fill, look, make_box, measure, show
+
+# float32 pictures, and sums of a few exponentials.
+TOLERANCE = 1e-6
+COLORS = np.array([0.2, 0.5, 0.9])
+WHITE = World(1.0)
+# 2 (y + 1), which rises from 0 to 4 through a box of half side 1.
+RISING = Program(
+    (
+        Step("NEW_GEOMETRY Position"),
+        Step("SEPXYZ", (Register(0, "Position"),)),
+        Step("MATH", (Register(1, "Y"), 1.0, 0.0), {"operation": "ADD", "use_clamp": False}),
+        Step("MATH", (Register(2, "Value"), 2.0, 0.0), {"operation": "MULTIPLY", "use_clamp": False}),
+    )
+)
+DENSITY = Register(3, "Value")
+
+
+def absorb(density: Any = 0.7, **fields: Any) -> VolumeClosure:
+    return VolumeClosure("absorption", color=COLORS, density=density, **fields)
+
+
+def decay(depth: Any) -> Any:
+    """Return what is left of white light after so many metres of `absorb` at density 1."""
+    return np.exp(-np.asarray(depth) * (1.0 - COLORS))
+
+
+# Beer's law ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("integrator", ["direct", "path"])
+def test_a_box_absorbs_by_its_thickness(integrator: str) -> None:
+    scene = Scene(meshes=make_box((1, 0.75, 1)), materials=fill(absorb()), camera=look(), world=WHITE)
+    np.testing.assert_allclose(measure(scene, 1, integrator=integrator)[0], decay(0.7 * 1.5), rtol=TOLERANCE)
+
+
+def test_a_sphere_absorbs_by_its_chord() -> None:
+    camera = look((0.3, -5.0, 0.4))
+    scene = Scene(spheres=Spheres([(0, 0, 0)], [1.0]), materials=fill(absorb()), camera=camera, world=WHITE)
+    chord = 2.0 * np.sqrt(1.0 - 0.25)
+    # The picture is 1e-3 m wide: the chord changes by 1e-4 of it, evenly to both sides.
+    np.testing.assert_allclose(measure(scene, 4)[0], decay(0.7 * chord), rtol=1e-5)
+
+
+def test_nested_and_overlapping_media_add_up() -> None:
+    """From -1 to 1 one medium, another one from -0.5 to 0.25 within it, a third one from 0 to 2 across its border."""
+    boxes = [make_box(1.0), make_box((0.6, 0.375, 0.6), (0, -0.125, 0), 1), make_box(1.0, (0, 1, 0), 2)]
+    materials = [fill(absorb(density)) for density in (0.3, 0.5, 1.1)]
+    scene = Scene(meshes=boxes, materials=materials, camera=look(), world=WHITE)
+    np.testing.assert_allclose(measure(scene, 1)[0], decay(0.3 * 2 + 0.5 * 0.75 + 1.1 * 2), rtol=TOLERANCE)
+
+
+def test_a_camera_may_be_inside_of_several() -> None:
+    boxes = [make_box(1.0), make_box(3.0, material=1), make_box(0.2, (0, -4, 0), 2)]
+    materials = [fill(absorb(density)) for density in (0.3, 0.5, 9.0)]
+    scene = Scene(meshes=boxes, materials=materials, camera=look((0.1, 0.25, 0.2)), world=WHITE)
+    np.testing.assert_allclose(measure(scene, 1)[0], decay(0.3 * 0.75 + 0.5 * 2.75), rtol=TOLERANCE)
+
+
+def test_a_near_clip_may_begin_inside() -> None:
+    camera = look((0.0, -10.0, 0.0))
+    camera = raytracer.Camera(camera.world_from_camera, projection="orthographic", ortho_scale=1e-3, clip_start=9.5)
+    scene = Scene(meshes=make_box(1.0), materials=fill(absorb()), camera=camera, world=WHITE)
+    np.testing.assert_allclose(measure(scene, 1)[0], decay(0.7 * 1.5), rtol=TOLERANCE)
+
+
+def test_the_worlds_medium_is_everywhere_and_hides_what_is_far() -> None:
+    wall = make_box((2, 0.5, 2), (0, 3.5, 0), 1)
+    materials = [fill(absorb(0.5)), Material((Closure("emission", color=1.0),))]
+    world = World(1.0, volume=Volume(absorb(0.05)))
+    scene = Scene(meshes=[make_box(1.0), wall], materials=materials, camera=look(), world=world)
+    np.testing.assert_allclose(measure(scene, 1)[0], decay(0.05 * 13 + 0.5 * 2), rtol=TOLERANCE)
+    scene = Scene(materials=materials, camera=look(), world=World(1.0, volume=Volume(absorb(0.05))))
+    assert (measure(scene, 1)[0] == 0.0).all()
+
+
+def test_instances_scale_their_medium_and_their_density() -> None:
+    matrix = np.diag([1.0, 2.0, 1.0, 1.0])
+    instances = Instances([0], [matrix], volume_density=[0.5])
+    scene = Scene(meshes=make_box(1.0), instances=instances, materials=fill(absorb()), camera=look(), world=WHITE)
+    np.testing.assert_allclose(measure(scene, 1)[0], decay(0.7 * 4 * 0.5), rtol=TOLERANCE)
+
+
+def test_a_medium_behind_glass_is_entered_by_refraction() -> None:
+    """Straight through a slab of index 1.5: both surfaces let (1 - R) through, R = 0.04; twice R is left out here."""
+    glass = Material((Closure("refraction", color=1.0, roughness=0.0, ior=1.5),), volume=Volume(absorb()))
+    scene = Scene(meshes=make_box(1.0), materials=glass, camera=look(), world=WHITE)
+    found = measure(scene, 4, max_bounces=8)[0]
+    np.testing.assert_allclose(found / found[2], decay(1.4) / decay(1.4)[2], rtol=1e-4)
+
+
+def test_what_shines_within_is_seen_through_what_is_before_it() -> None:
+    """e (1 - exp(-x t)) / x of a slab that shines and absorbs, e t of one that is clear."""
+    glow = VolumeClosure("coefficients", absorption=(0.5, 2.0, 0.0), emission=(0.3, 0.2, 0.1))
+    scene = Scene(meshes=make_box(1.0), materials=fill(glow), camera=look())
+    expected = [0.3 * -np.expm1(-1.0) / 0.5, 0.2 * -np.expm1(-4.0) / 2.0, 0.2]
+    np.testing.assert_allclose(measure(scene, 1)[0], expected, rtol=TOLERANCE)
+
+
+def test_a_black_body_shines_by_its_temperature() -> None:
+    """Radiance at 1 K times T^4 and a color of luminance 1, along 2 m."""
+    hot = VolumeClosure("principled", density=0.0, blackbody=1.0, temperature=3000.0, color=0.0)
+    found = measure(Scene(meshes=make_box(1.0), materials=fill(hot), camera=look()), 1)[0]
+    luminance = 0.2126 * found[0] + 0.7152 * found[1] + 0.0722 * found[2]
+    assert luminance == pytest.approx(2 * 5.670373e-14 / np.pi * 3000.0**4, rel=1e-3)
+
+
+def test_lights_are_seen_and_shine_through_media() -> None:
+    """A wall that a sun lights through a box, seen through another one; and an area light seen through it."""
+    wall = Mesh(
+        positions=[(-5, 3, -5), (5, 3, -5), (5, 3, 5), (-5, 3, 5)], triangles=[(0, 1, 2), (0, 2, 3)], material=1
+    )
+    white = Material((Closure("diffuse", color=1.0),))
+    sun = SunLight((0.0, -1.0, 0.0), np.pi)
+    scene = Scene(meshes=[make_box(1.0), wall], materials=[fill(absorb()), white], camera=look(), lights=sun)
+    np.testing.assert_allclose(measure(scene, 1)[0], decay(0.7 * 4), rtol=1e-5)
+    lamp = AreaLight((0, 2, 0), (2, 0, 0), (0, 0, -2), np.pi * 4, seen_by=31)
+    scene = Scene(meshes=make_box(1.0), materials=fill(absorb()), camera=look(), lights=lamp)
+    np.testing.assert_allclose(measure(scene, 1)[0], decay(0.7 * 2), rtol=1e-5)
+
+
+def test_a_transparent_film_counts_what_gets_through() -> None:
+    grey = fill(VolumeClosure("absorption", color=0.0, density=0.5))
+    scene = Scene(meshes=make_box(1.0), materials=grey, camera=look(), world=WHITE)
+    film = show(scene, 1, transparent=True)
+    np.testing.assert_allclose(film["Combined"][..., 3], 1.0 - np.exp(-1.0), rtol=TOLERANCE)
+    np.testing.assert_allclose(film["Combined"][..., :3], 0.0, atol=TOLERANCE)
+
+
+def test_borders_are_no_passages_and_are_not_described() -> None:
+    boxes = [make_box((1, 0.1, 1), (0, 0.5 * number, 0)) for number in range(6)]
+    wall = Mesh(
+        positions=[(-5, 5, -5), (5, 5, -5), (5, 5, 5), (-5, 5, 5)], triangles=[(0, 1, 2), (0, 2, 3)], material=1
+    )
+    materials = [fill(absorb()), Material((Closure("emission", color=1.0),), pass_index=7)]
+    scene = Scene(meshes=[*boxes, wall], materials=materials, camera=look())
+    film = show(scene, 1, transparent_bounces=1, passes=("Combined", "Depth", "Material Index"))
+    np.testing.assert_allclose(film["Combined"][..., :3].mean(axis=(0, 1)), decay(0.7 * 1.2), rtol=TOLERANCE)
+    np.testing.assert_allclose(film["Depth"], 15.0, rtol=1e-6)
+    assert (film["Material Index"] == 7).all()
+
+
+# Furnaces: an even world of 1 around a medium that absorbs nothing is seen as 1 ---------------------------------------
+
+WHITE_MEDIA = {
+    "even": fill(VolumeClosure("scatter", color=1.0, density=1.0)),
+    "anisotropic": fill(VolumeClosure("scatter", color=1.0, density=2.0, anisotropy=0.8)),
+    "colored": fill(VolumeClosure("coefficients", scattering=(0.2, 1.0, 3.0), phase="rayleigh")),
+    "mixed": fill(
+        VolumeClosure("scatter", color=1.0, phase="mie", diameter=5.0),
+        VolumeClosure("scatter", color=(0.1, 1.0, 0.5), phase="draine", anisotropy=-0.5),
+    ),
+    "varying": fill(VolumeClosure("scatter", color=1.0, density=DENSITY), program=RISING),
+    "varying colors": fill(VolumeClosure("scatter", color=(1.0, 0.3, 0.1), density=DENSITY), program=RISING),
+    "overlapping": fill(
+        VolumeClosure("scatter", color=1.0, density=DENSITY, anisotropy=0.5),
+        VolumeClosure("scatter", color=1.0, density=0.5),
+        program=RISING,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WHITE_MEDIA)
+def test_a_white_furnace_is_white(name: str) -> None:
+    scene = Scene(meshes=make_box(1.0), materials=WHITE_MEDIA[name], camera=look(), world=WHITE)
+    found = measure(scene, 64, max_bounces=256)
+    assert (found[1] < 0.03).all()
+    assert_close(found, 1.0)
+
+
+def test_a_white_furnace_is_white_with_surfaces_and_two_media() -> None:
+    """White matte walls, seen through a medium in a medium, reflect all as well."""
+    boxes = [make_box(1.0), make_box(0.5, (0, 0, 0.2), 1), make_box((0.2, 0.2, 2.0), (0, 0.3, 0), 2)]
+    materials = [
+        fill(VolumeClosure("scatter", color=1.0, density=0.8)),
+        fill(VolumeClosure("scatter", color=1.0, density=2.0, anisotropy=0.6)),
+        Material((Closure("diffuse", color=1.0),)),
+    ]
+    scene = Scene(meshes=boxes, materials=materials, camera=look(), world=WHITE)
+    found = measure(scene, 64, max_bounces=256)
+    assert (found[1] < 0.03).all()
+    assert_close(found, 1.0)
+
+
+# Single scattering ----------------------------------------------------------------------------------------------------
+
+SCATTERING, ABSORPTION, ANISOTROPY = 0.6, 0.3, 0.4
+GREY = fill(VolumeClosure("coefficients", scattering=SCATTERING, absorption=ABSORPTION, anisotropy=ANISOTROPY))
+INTEGRATORS = pytest.mark.parametrize("integrator", ["direct", "path"])
+
+
+def turn(cosine: Any) -> Any:
+    g = ANISOTROPY
+    return (1.0 - g * g) / (4.0 * np.pi * (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
+
+
+def sum_midpoints(value: Any, count: int = 200_000) -> float:
+    """Return the integral of a function from y = -1 to 1."""
+    y = (np.arange(count) + 0.5) / count * 2.0 - 1.0
+    return float(value(y).mean() * 2.0)
+
+
+@INTEGRATORS
+def test_a_slab_scatters_a_suns_light_once(integrator: str) -> None:
+    """Light from above comes to the ray through 1 m, at a right angle."""
+    scene = Scene(meshes=make_box(1.0), materials=GREY, camera=look(), lights=SunLight((0, 0, 1), 1.0))
+    x = SCATTERING + ABSORPTION
+    expected = sum_midpoints(lambda y: np.exp(-x * (y + 1.0)) * SCATTERING * turn(0.0) * np.exp(-x))
+    found = measure(scene, 64, max_bounces=0, integrator=integrator)
+    assert (found[1] < 0.005 * expected).all()
+    assert_close(found, expected)
+
+
+LAMPS = {
+    "near": (0.05, 0.2, 0.0),
+    "far": (0.0, 0.3, 6.0),
+}
+
+
+@INTEGRATORS
+@pytest.mark.parametrize("name", LAMPS)
+def test_a_slab_scatters_a_lamps_light_once(name: str, integrator: str) -> None:
+    """Inside of the box, next to the ray, and above it, from where the light comes through the box's top."""
+    place = np.array(LAMPS[name])
+    scene = Scene(meshes=make_box(1.0), materials=GREY, camera=look(), lights=PointLight(place, 10.0))
+    x = SCATTERING + ABSORPTION
+
+    def see(y: Any) -> Any:
+        way = place - np.stack([0.0 * y, y, 0.0 * y], axis=1)
+        distance = np.sqrt((way**2).sum(axis=1))
+        within = distance * np.minimum(1.0, 1.0 / np.maximum(place[2], 1.0))
+        light = 10.0 / (4.0 * np.pi * distance**2) * np.exp(-x * within)
+        # Light comes along -way and goes on to the camera, along -y.
+        return np.exp(-x * (y + 1.0)) * SCATTERING * turn(way[:, 1] / distance) * light
+
+    expected = sum_midpoints(see)
+    found = measure(scene, 64, max_bounces=0, integrator=integrator)
+    assert (found[1] < 0.005 * expected).all()
+    assert_close(found, expected)
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        PointLight((0.3, 0.0, 2.0), 10.0, radius=0.5),
+        PointLight((0.3, 0.0, 2.0), 10.0, radius=0.5, soft_falloff=False),
+        SpotLight((0.3, 0.0, 2.0), 10.0, radius=0.2, spot_size=1.0),
+        AreaLight((0.3, 0.0, 2.0), (1, 0, 0), (0, 1, 0), 10.0),
+        SunLight((0.1, 0.2, 1.0), 1.0, angle=0.5),
+    ],
+    ids=["disk", "ball", "spot", "area", "sun"],
+)
+def test_direct_and_path_see_the_same_light_of_lamps_with_extent(light: Any) -> None:
+    """By light samples alone, and with scattered rays that meet the light: the same, at no further scattering."""
+    scene = Scene(meshes=make_box(1.0), materials=GREY, camera=look(), lights=light)
+    one = measure(scene, 64, seed=1, integrator="direct", max_bounces=0)
+    other = measure(scene, 64, seed=2, integrator="path", max_bounces=0)
+    error = np.hypot(one[1], other[1])
+    assert (error < 0.02 * one[0]).all()
+    assert (np.abs(one[0] - other[0]) < 4 * error).all()
+
+
+def test_direct_and_path_see_the_same_light_of_emissive_geometry_and_a_world() -> None:
+    lamp = Material((Closure("emission", color=30.0),))
+    panel = make_box((0.3, 0.3, 0.01), (0, 0, 2.0), 1)
+    scene = Scene(meshes=[make_box(1.0), panel], materials=[GREY, lamp], camera=look(), world=World(0.2))
+    one = measure(scene, 128, seed=1, integrator="direct", max_bounces=0)
+    other = measure(scene, 128, seed=2, integrator="path", max_bounces=0)
+    error = np.hypot(one[1], other[1])
+    assert (error < 0.02 * one[0]).all()
+    assert (np.abs(one[0] - other[0]) < 4 * error).all()
+
+
+# Media that vary ------------------------------------------------------------------------------------------------------
+
+
+def test_a_rising_density_lets_through_what_its_integral_says() -> None:
+    """The integral of 2 (y + 1) from -1 to 1 is 4; seen through ratio tracking, straight and by shadow rays."""
+    smoke = fill(VolumeClosure("absorption", color=COLORS, density=DENSITY), program=RISING)
+    scene = Scene(meshes=make_box(1.0), materials=smoke, camera=look(), world=WHITE)
+    found = measure(scene, 256)
+    assert (found[1] < 0.01).all()
+    assert_close(found, decay(4.0))
+
+
+def test_a_rising_density_scatters_a_suns_light_as_quadrature_says() -> None:
+    smoke = fill(VolumeClosure("scatter", color=1.0, density=DENSITY), program=RISING)
+    sun = SunLight((0, 0, 1), 10.0)
+    scene = Scene(meshes=make_box(1.0), materials=smoke, camera=look(), lights=sun)
+    expected = sum_midpoints(
+        lambda y: np.exp(-((y + 1.0) ** 2)) * 2.0 * (y + 1.0) / (4.0 * np.pi) * 10.0 * np.exp(-2.0 * (y + 1.0))
+    )
+    found = measure(scene, 256, max_bounces=0, integrator="direct")
+    assert (found[1] < 0.02 * expected).all()
+    assert_close(found, expected)
+
+
+def test_a_rising_density_scatters_a_lamps_light_as_quadrature_says() -> None:
+    smoke = fill(VolumeClosure("scatter", color=1.0, density=DENSITY), program=RISING)
+    scene = Scene(meshes=make_box(1.0), materials=smoke, camera=look(), lights=PointLight((0, 0, 0.1), 10.0))
+
+    def see(y: Any) -> Any:
+        distance = np.sqrt(y * y + 0.01)
+        depth = distance * (2.0 + y)  # the mean of 2 (y + 1) along a straight way to y = 0
+        light = 10.0 / (4.0 * np.pi * distance**2) * np.exp(-depth)
+        return np.exp(-((y + 1.0) ** 2)) * 2.0 * (y + 1.0) / (4.0 * np.pi) * light
+
+    expected = sum_midpoints(see)
+    found = measure(scene, 256, max_bounces=0, integrator="direct")
+    assert (found[1] < 0.02 * expected).all()
+    assert_close(found, expected)
+
+
+def test_a_grid_of_voxels_is_a_density() -> None:
+    """Values 0, 1, 2 ... along y, linear between, from the first voxel's middle to the last one's."""
+    values = np.broadcast_to(np.arange(5.0)[np.newaxis, :, np.newaxis], (2, 5, 2))
+    place = np.diag([2.0, 0.5, 2.0, 1.0])
+    place[:3, 3] = -1.0
+    smoke = fill(
+        VolumeClosure("absorption", color=COLORS, density=Register(0, "Fac")),
+        program=Program((Step("ATTRIBUTE Fac", settings={"name": "density"}),)),
+    )
+    box = make_box(1.0, grids={"density": Grid(values, place)})
+    scene = Scene(meshes=box, materials=smoke, camera=look(), world=WHITE)
+    assert_close(measure(scene, 256), decay(4.0))
+
+
+def test_a_varying_emission_is_the_integral_along_the_ray() -> None:
+    """2 (y + 1) of light per metre behind an absorption of 1: the integral of 2 (y + 1) exp(-(y + 1)) is 2 - 6 e^-2."""
+    color = [Register(3, "Value")]
+    glow = VolumeClosure("coefficients", absorption=1.0, emission=color[0])
+    scene = Scene(meshes=make_box(1.0), materials=fill(glow, program=RISING), camera=look())
+    found = measure(scene, 256)
+    assert (found[1] < 0.01).all()
+    assert_close(found, 2.0 - 6.0 * np.exp(-2.0))
+
+
+def test_a_bound_that_is_too_low_costs_noise_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("raytracer.media.majorants.SPARE", 0.4)
+    smoke = fill(VolumeClosure("absorption", color=COLORS, density=DENSITY), program=RISING)
+    scene = Scene(meshes=make_box(1.0), materials=smoke, camera=look(), world=WHITE)
+    assert_close(measure(scene, 1024), decay(4.0))
+
+
+# Passes ---------------------------------------------------------------------------------------------------------------
+
+
+def test_volume_passes_and_the_others_add_up() -> None:
+    boxes = [make_box(1.0), make_box((3, 0.5, 3), (0, 2.5, 0), 1)]
+    glow = VolumeClosure("coefficients", scattering=(0.4, 0.8, 0.2), absorption=0.1, emission=0.05)
+    materials = [fill(glow), Material((Closure("diffuse", color=(0.8, 0.4, 0.2)),))]
+    light = PointLight((0.0, -1.0, 3.0), 100.0)
+    scene = Scene(meshes=boxes, materials=materials, camera=look(scale=1.0), lights=light, world=World(0.3))
+    ways = ("Direct", "Indirect")
+    parts = [f"{part} {way}" for part in ("Diffuse", "Glossy", "Transmission") for way in ways]
+    volume = [f"Volume {way}" for way in ways]
+    colors = ["Diffuse Color", "Glossy Color", "Transmission Color"]
+    film = show(scene, 16, passes=("Combined", "Emission", "Environment", *parts, *colors, *volume))
+    total = film["Emission"] + film["Environment"] + film[volume[0]] + film[volume[1]]
+    for part in ("Diffuse", "Glossy", "Transmission"):
+        total = total + (film[f"{part} Direct"] + film[f"{part} Indirect"]) * film[f"{part} Color"]
+    np.testing.assert_allclose(total, film["Combined"][..., :3], rtol=1e-5, atol=1e-6)
+    assert film["Volume Direct"].mean() > 0.01
+    assert film["Volume Indirect"].mean() > 0.001
+
+
+@pytest.mark.parametrize("most", [0, 1, 2])
+def test_scattering_has_a_limit_of_its_own(most: int) -> None:
+    """Against all orders of scattering of an isotropic slab: each that may happen adds light."""
+    scene = Scene(meshes=make_box(1.0), materials=WHITE_MEDIA["even"], camera=look(), world=WHITE)
+    found = measure(scene, 64, max_bounces=20, volume_bounces=most)
+    again = measure(scene, 64, seed=5, max_bounces=most)
+    assert (np.abs(found[0] - again[0]) < 4 * np.hypot(found[1], again[1])).all()
+    assert (found[0] < 1.0 - 0.02).all()
+
+
+def test_a_scene_without_media_has_none() -> None:
+    scene = Scene(meshes=make_box(1.0), materials=Material((Closure("diffuse"),)), camera=look(), world=WHITE)
+    caster = raytracer.build(scene)
+    from raytracer.integrator.integrator import prepare
+
+    integrator = prepare(scene, caster, raytracer.Settings(integrator="path"))
+    assert integrator.media is None
+    assert integrator.dimensions.medium is None
