@@ -62,6 +62,16 @@ def add_met_guides(passes: PathPasses, paths: Paths, light: Floats) -> None:
     passes.add("Denoising Albedo", row, passes.guides.share[row] * light[rows])
 
 
+def add_medium_guides(passes: PathPasses, paths: Paths, albedo: Floats) -> None:
+    """Add what media tell that scatter paths: their albedo (k, 3); as in Cycles they look no further."""
+    if passes.guides is None:
+        return
+    rows = np.flatnonzero(passes.guides.searching[paths.row])
+    row = paths.row[rows]
+    passes.add("Denoising Albedo", row, passes.guides.share[row] * albedo[rows])
+    passes.guides.searching[row] = False
+
+
 def measure_stretch(wave: Wave) -> Floats:
     """Return metres (k,) from the last surface, or where the camera begins to see."""
     paths = wave.paths

@@ -31,6 +31,7 @@ from raytracer.arrays.types import Booleans, Colors, Indices, Integers, Numbers,
 from raytracer.casting.rays import Hits, select_rows
 from raytracer.integrator.clamping import clamp_met, find_limits
 from raytracer.integrator.contributions import add_visible_lights
+from raytracer.integrator.denoising import add_medium_guides
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_passes import add_met
 from raytracer.integrator.media_light import (
@@ -128,7 +129,7 @@ class Stage:
 
     weight : (k, 3) float64, what light counts behind, or where it is scattered
     is_scattered : (k,) bool
-    points : where they are
+    points : where they are; albedo : (n, 3) float64, the share of what is extinguished there that is scattered
     shares : by number of a source, how much of its light points stand for (n,), where others are chosen for it as well
     shadow_rays : of those others
     """
@@ -136,6 +137,7 @@ class Stage:
     weight: Colors
     is_scattered: Booleans
     points: MediumPoints
+    albedo: Colors
     shares: dict[int, Numbers]
     shadow_rays: list[ShadowRays]
 
@@ -158,6 +160,7 @@ def cross_media(integrator: Integrator, passes: PathPasses, paths: Paths, hits: 
         throughput[rows] *= stage.weight
         gets_through[rows] = ~stage.is_scattered
         shadow_rays += stage.shadow_rays + light_all(integrator, passes, stage)
+        add_medium_guides(passes, stage.points.paths, stage.albedo)
         if follows_media(integrator) and len(stage.points):
             scattered.append(go_on_scattered(integrator, passes, stage.points, find_dimension(integrator)))
     alive = np.flatnonzero(gets_through & any_column(throughput != 0))
@@ -217,9 +220,25 @@ def add_shine(integrator: Integrator, passes: PathPasses, ways: Ways, light: Col
     shining = np.flatnonzero(any_column(light != 0))
     if not len(shining):
         return
-    paths = ways.paths.select(shining)
+    paths, group = ways.paths.select(shining), find_shining_groups(integrator, ways, shining)
     light = clamp_met(integrator.settings, paths.bounces, paths.throughput * light[shining])
-    add_met(passes, paths, light, "Emission", NO_GROUP)
+    add_met(passes, paths, light, "Emission", group)
+
+
+def find_shining_groups(integrator: Integrator, ways: Ways, rows: Indices) -> Integers | int:
+    """Return the groups of lights (k,) that what shines along some of the ways belongs to: those of the object that was
+    come into first, or of the world."""
+    grouped = integrator.grouped
+    if grouped is None:
+        return NO_GROUP
+    instance = find_media(integrator).table.instance[find_first(find_media(integrator), ways.inside[rows])]
+    return np.where(instance < 0, grouped.of_world, grouped.of_objects[instance])
+
+
+def find_first(media: SceneMedia, inside: Integers) -> Integers:
+    """Return the first (k,) of the media (k, d) that ways lead through."""
+    place = (inside <= media.table.world).argmax(axis=1)
+    return inside[np.arange(len(inside)), place]
 
 
 def cross_even(integrator: Integrator, passes: PathPasses, media: SceneMedia, ways: Ways) -> Stage:
@@ -241,9 +260,10 @@ def cross_even(integrator: Integrator, passes: PathPasses, media: SceneMedia, wa
 
     there = np.flatnonzero(sample.scattered)
     throughput = some.paths.throughput[there] * sample.weight[there]
-    points = make_points(media, some.select(there), sample.distance[there], mixture.select(there), throughput)
+    met = mixture.select(there)
+    points = make_points(media, some.select(there), sample.distance[there], met, throughput)
     shares, shadow_rays = choose_points(integrator, passes, media, some, known, measure, sample.distance, there)
-    return Stage(weight, is_scattered, points, shares, shadow_rays)
+    return Stage(weight, is_scattered, points, find_albedo(met), shares, shadow_rays)
 
 
 def cross_varying(integrator: Integrator, passes: PathPasses, media: SceneMedia, ways: Ways) -> Stage:
@@ -268,7 +288,13 @@ def cross_varying(integrator: Integrator, passes: PathPasses, media: SceneMedia,
     place = np.searchsorted(rows, there)
     known = partial(spread_evenly, some.length)
     shares, shadow_rays = choose_points(integrator, passes, media, some, known, measure, distance[rows], place)
-    return Stage(tracked.weight, tracked.scattered, points, shares, shadow_rays)
+    return Stage(tracked.weight, tracked.scattered, points, find_albedo(mixture), shares, shadow_rays)
+
+
+def find_albedo(mixture: Mixture) -> Colors:
+    """Return the share (k, 3) of extinguished light that is scattered."""
+    extinction = mixture.extinction
+    return np.divide(mixture.scattering, extinction, out=np.zeros_like(extinction), where=extinction > 0)
 
 
 def spread_evenly(reach: Numbers, distance: Numbers) -> Numbers:
@@ -317,8 +343,6 @@ def choose_points(
 
 def make_points(media: SceneMedia, ways: Ways, distance: Numbers, mixture: Mixture, throughput: Colors) -> MediumPoints:
     """Return the points at distances (k,) from the starts of ways."""
-    first = (ways.inside <= media.table.world).argmax(axis=1)
-    medium = ways.inside[np.arange(len(ways)), first] if len(ways) else np.zeros(0, np.int32)
     assert ways.paths.media is not None
     return MediumPoints(
         ways.paths,
@@ -326,7 +350,7 @@ def make_points(media: SceneMedia, ways: Ways, distance: Numbers, mixture: Mixtu
         ways.direction,
         mixture.lobes,
         throughput,
-        media.table.instance[medium],
+        media.table.instance[find_first(media, ways.inside)],
         ways.paths.media,
         ways.noise,
         ways.sampler,

@@ -19,8 +19,10 @@ from raytracer.casting.geometry import transform_points
 from raytracer.lecture import dot
 from raytracer.media.mixtures import Mixture
 
-# Cells along the longest side of an object, and places that are looked at along each side of a cell.
+# Cells along the longest side of an object, and places that are looked at along each side of a cell. Where many objects
+# vary they share what a few would take, down to the least number of cells.
 CELLS, LOOKS = 16, 4
+MANY, LEAST_CELLS = 16, 4
 # The largest value found, times this: smooth densities are little larger between the places.
 SPARE = 1.25
 # The least bound of a cell where nothing has been found, as a share of the largest of all: what has been missed there
@@ -65,9 +67,11 @@ def make_majorants(
     count = len(even)
     cells, first = np.ones((count, 3), np.int64), np.zeros(count, np.int64)
     grid_from_world, values = np.zeros((count, 4, 4)), [np.zeros(1)]
-    for medium in np.flatnonzero(varies):
+    found = np.flatnonzero(varies)
+    most = max(LEAST_CELLS, int(CELLS * min(1.0, MANY / max(len(found), 1)) ** (1 / 3)))
+    for medium in found:
         low, high = boxes[medium]
-        cells[medium] = _choose_cells(world_from_box[medium], high - low)
+        cells[medium] = _choose_cells(world_from_box[medium], high - low, most)
         size = np.where(high > low, high - low, 1.0)
         scale = np.eye(4)
         scale[:3, :3] = np.diag(cells[medium] / size)
@@ -83,13 +87,13 @@ def _combine(second: Floats, first: Floats) -> Floats:
     return np.stack([dot(first.T, row) for row in second])
 
 
-def _choose_cells(world_from_box: Floats, size: Floats) -> NDArray[np.int64]:
-    """Return how many cells along each side make them about cubes."""
+def _choose_cells(world_from_box: Floats, size: Floats, most: int) -> NDArray[np.int64]:
+    """Return how many cells along each side, at most so many, make them about cubes."""
     sides = size * np.sqrt((world_from_box[:3, :3] ** 2).sum(axis=0))
     longest = sides.max()
     if not longest > 0:
         return np.ones(3, np.int64)
-    return np.clip(np.ceil(CELLS * sides / longest), 1, CELLS).astype(np.int64)
+    return np.clip(np.ceil(most * sides / longest), 1, most).astype(np.int64)
 
 
 def _look(
@@ -103,8 +107,8 @@ def _look(
     a, b, c = cells
     extinction, emission = found.reshape(2, a, LOOKS, b, LOOKS, c, LOOKS).max(axis=(2, 4, 6))
     sides = (high - low) / cells * np.sqrt((matrix[:3, :3] ** 2).sum(axis=0))
-    # Cells that shine are met about once on the way through, whatever they absorb.
-    once = np.where(emission > 0, 1.0 / _at_least(np.sqrt((sides**2).sum())), 0.0)
+    # The cells that shine brightest are met about once on the way through, whatever they absorb; others less often.
+    once = emission / (_at_least(emission.max(initial=0.0)) * _at_least(np.sqrt((sides**2).sum())))
     rate = np.maximum(SPARE * extinction, once)
     largest = rate.max(initial=0.0)
     return np.maximum(rate, LEAST_SHARE * largest if largest > 0 else 1.0 / _at_least(sides.max())).ravel()

@@ -196,6 +196,7 @@ class Material:
         if any(closure.kind != "transparent" for closure in closures):
             raise ValueError(f"{label}: closures: expected none of a material that is only a volume")
         set_field(self, "closures", closures or (Closure("transparent", color=1.0),))
+        set_field(self, "transparent_shadow", True)
 
     @property
     def programs(self) -> tuple[Program, ...]:
