@@ -58,6 +58,8 @@ PASSES = {
     "Transmission Color": BlenderPass("RGB", "COLOR", "use_pass_transmission_color"),
     "Transmission Direct": BlenderPass("RGB", "COLOR", "use_pass_transmission_direct"),
     "Transmission Indirect": BlenderPass("RGB", "COLOR", "use_pass_transmission_indirect"),
+    "Volume Direct": BlenderPass("RGB", "COLOR", "cycles.use_pass_volume_direct"),
+    "Volume Indirect": BlenderPass("RGB", "COLOR", "cycles.use_pass_volume_indirect"),
     "Environment": BlenderPass("RGB", "COLOR", "use_pass_environment"),
     "Mist": BlenderPass("Z", "VALUE", "use_pass_mist"),
     "Emission": BlenderPass("RGB", "COLOR", "use_pass_emit"),

@@ -42,6 +42,7 @@ RAY_VISIBILITY = {
     "visible_diffuse": "diffuse",
     "visible_glossy": "glossy",
     "visible_transmission": "transmission",
+    "visible_volume_scatter": "volume",
     "visible_shadow": "shadow",
 }
 

@@ -21,6 +21,12 @@ from .shaders.nodes import WarningContext, read_color
 from .shaders.programs import ProgramBuilder
 from .warnings import WarningList
 
+# Cycles' flags of a world, and the classes of rays that they stand for.
+WORLD_VISIBILITY = {
+    **{name: name for name in ("camera", "diffuse", "glossy", "transmission")},
+    "scatter": "volume",
+}
+
 
 def extract_world(
     world: Any, warnings: WarningList, images: ImageTable | None = None, aovs: Sequence[str] = ()
@@ -51,5 +57,5 @@ def extract_world(
 
 def find_world_visibility(world: Any) -> int:
     """Return the classes of rays that see a world, as bits of SEEN_BY."""
-    hidden = [name for name in SEEN_BY if not getattr(world.cycles_visibility, name, True)]
-    return SEEN_BY_ALL - sum(SEEN_BY[name] for name in hidden)
+    hidden = [label for name, label in WORLD_VISIBILITY.items() if not getattr(world.cycles_visibility, name, True)]
+    return SEEN_BY_ALL - sum(SEEN_BY[label] for label in hidden)

@@ -8,10 +8,9 @@ from typing import Any
 
 import bpy
 
-from raytracer.scene.fields import SEEN_BY
-
 from .. import versions
 from ..extract.instances import RAY_VISIBILITY
+from ..extract.world import WORLD_VISIBILITY
 from .shared import EnginePanel, split
 
 # Objects that rays can meet.
@@ -192,9 +191,8 @@ class RAYTRACER_WORLD_PT_ray_visibility(EnginePanel, bpy.types.Panel):
 
     def draw(self, context: Any) -> None:
         column, visibility = split(self).column(align=True), context.world.cycles_visibility
-        for name in SEEN_BY:
-            if name != "shadow":  # the world casts none
-                column.prop(visibility, name)
+        for name in WORLD_VISIBILITY:
+            column.prop(visibility, name)
 
 
 class RAYTRACER_WORLD_PT_settings(EnginePanel, bpy.types.Panel):

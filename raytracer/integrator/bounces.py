@@ -45,7 +45,7 @@ def _class_of_kind(kind: int) -> int:
     if kind == STRAIGHT:
         return SEEN_BY["camera"]
     if kind & SCATTERED:
-        return SEEN_BY_ALL  # no flag says what such rays see: all that any see
+        return SEEN_BY["volume"]
     if kind & TRANSMITTED:
         return SEEN_BY["transmission"]
     return SEEN_BY["diffuse" if kind & DIFFUSE else "glossy"]
@@ -62,11 +62,7 @@ def classify_rays(kind: Kinds) -> Masks:
 # Rays of each kind meet lights and the world if those are seen by all these classes: unlike objects, Cycles hides them
 # from diffusely transmitted rays by either flag (kernel/light/common.h).
 CLASSES_OF_KIND = np.array(
-    [
-        0 if kind & SCATTERED else _class_of_kind(kind) | (SEEN_BY["diffuse"] if kind & DIFFUSE else 0)
-        for kind in range(17)
-    ],
-    dtype=np.uint8,
+    [_class_of_kind(kind) | (SEEN_BY["diffuse"] if kind & DIFFUSE else 0) for kind in range(17)], dtype=np.uint8
 )
 
 

@@ -116,7 +116,7 @@ def _aim(points: ShadingPoints, light: LightSamples, rows: Indices, lifts: bool)
 
 
 # The classes of rays that no surface reflects.
-UNREFLECTED = SEEN_BY["camera"] | SEEN_BY["shadow"]
+UNREFLECTED = SEEN_BY["camera"] | SEEN_BY["shadow"] | SEEN_BY["volume"]
 
 
 def reflect_seen(

@@ -296,7 +296,7 @@ def _compose(
     ]
     sources += [source for group in groups for source in make_picked_sources(group)]
     if emitters is not None:
-        by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by) else None
+        by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by, media is not None) else None
         of_geometry = EmissiveGeometry(emitters=emitters, links=links, seen_by_object=by_object)
         sources.append(
             of_geometry if shadow_links is None else replace(of_geometry, blockers_by_object=shadow_links.blockers)
@@ -396,9 +396,10 @@ def _link_lights(scene: Scene, with_world: bool) -> LightLinks:
     return LightLinks(sets, receivers)
 
 
-def _hides_emitters(emitters: Emitters, seen_by: Masks) -> bool:
-    """True where emissive geometry is hidden from reflected rays of some kind."""
+def _hides_emitters(emitters: Emitters, seen_by: Masks, has_media: bool) -> bool:
+    """True where emissive geometry is hidden from reflected rays of some kind, or from scattered ones."""
     reflected = SEEN_BY["diffuse"] | SEEN_BY["glossy"] | SEEN_BY["transmission"]
+    reflected |= SEEN_BY["volume"] if has_media else 0
     return bool(((seen_by[emitters.records] & reflected) != reflected).any())
 
 

@@ -1,8 +1,8 @@
 """Light that media scatter: from every source to points in space, and on by the phase function.
 
 Points in space have no normal: what samples around one for surfaces samples evenly here. Sources that scattered rays
-can also meet are sampled in both ways, weighed by the power heuristic, as at surfaces. No flag of lights or objects
-says whether media see them: they see what any rays see.
+can also meet are sampled in both ways, weighed by the power heuristic, as at surfaces. Media scatter the light of what
+their scattered rays see.
 """
 
 from __future__ import annotations
@@ -122,6 +122,8 @@ def light_points(
         light = replace(light, density=source.share * light.density)
     met = follows_media(integrator) and is_met(integrator, source)
     arriving = scatter_samples(points, light, met) * np.reshape(share, (-1, 1))
+    seen_by = source.seen_by if found.seen_by is None else found.seen_by
+    arriving[np.broadcast_to(np.asarray(seen_by) & SEEN_BY["volume"] == 0, len(arriving))] = 0.0
     if source.max_bounces is not None:
         arriving[sum_columns(points.paths.bounces) > source.max_bounces] = 0.0
     group = source.light_group if found.light_group is None else found.light_group
@@ -213,7 +215,7 @@ def light_by_world(integrator: Integrator, passes: PathPasses, points: MediumPoi
     medium : the first dimension of ways through media
     """
     background = integrator.background
-    if background is None:
+    if background is None or not background.seen_by & SEEN_BY["volume"]:
         return []
     ways = [] if background.by_map_alone else [AROUND]
     ways += [] if background.grid is None else [AFTER_MAP]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from raytracer.arrays.rows import any_column, mean_column
 from raytracer.arrays.types import Floats, Integers
 from raytracer.arrays.vectors import normalize
+from raytracer.bsdfs.bounce_kinds import COUNTED
 from raytracer.casting.geometry import Kind, join_id, split_id, world_corners
 from raytracer.casting.rays import Hits, Rays
 from raytracer.lecture import cross, length
@@ -227,7 +228,7 @@ def _estimate_means(emitters: Emitters, varies: NDArray[np.bool_], find_radiance
         picked = rows[(numbers[:, 2] * len(rows)).astype(np.int64)]
         surface = place_surface(emitters, picked, numbers[:, :2], None, None)
         # As if from a metre away, after the first bounce.
-        depths = Depths(np.zeros(ESTIMATE_POINTS, np.int32), np.zeros((ESTIMATE_POINTS, 3), np.int32))
+        depths = Depths(np.zeros(ESTIMATE_POINTS, np.int32), np.zeros((ESTIMATE_POINTS, len(COUNTED)), np.int32))
         mean[material] = np.abs(find_radiance(surface, describe_sampling(np.ones(ESTIMATE_POINTS), depths))).mean()
     return np.maximum(mean, LEAST_SHARE * max(mean.max(initial=0.0), np.finfo(np.float64).tiny))
 

@@ -25,9 +25,9 @@ CELLS, LOOKS = 16, 4
 MANY, LEAST_CELLS = 16, 4
 # The largest value found, times this: smooth densities are little larger between the places.
 SPARE = 1.25
-# The least bound of a cell where nothing has been found, as a share of the largest of all: what has been missed there
-# is met seldom, but it is met.
-LEAST_SHARE = 2.0**-7
+# The least bound of a cell, as a share of its neighbors': what has been missed there is met seldom, but it is met. And
+# wherever nothing is near, about one collision is looked for on the way through the whole grid.
+LEAST_SHARE = 2.0**-4
 # The least step of a ray through cells, in cells: rounding must not hold it at a border.
 LEAST_STEP = 2.0**-20
 # Points that are evaluated at a time.
@@ -110,8 +110,17 @@ def _look(
     # The cells that shine brightest are met about once on the way through, whatever they absorb; others less often.
     once = emission / (_at_least(emission.max(initial=0.0)) * _at_least(np.sqrt((sides**2).sum())))
     rate = np.maximum(SPARE * extinction, once)
-    largest = rate.max(initial=0.0)
-    return np.maximum(rate, LEAST_SHARE * largest if largest > 0 else 1.0 / _at_least(sides.max())).ravel()
+    whole = np.sqrt(((sides * cells) ** 2).sum())
+    return np.maximum(np.maximum(rate, LEAST_SHARE * _find_largest_around(rate)), 1.0 / _at_least(whole)).ravel()
+
+
+def _find_largest_around(values: Floats) -> Floats:
+    """Return for each cell (a, b, c) the largest value of itself and its neighbors."""
+    for axis in range(3):
+        padded = np.pad(values, [(1, 1) if one == axis else (0, 0) for one in range(3)], mode="edge")
+        a, b, c = (np.take(padded, np.arange(values.shape[axis]) + step, axis) for step in range(3))
+        values = np.maximum(np.maximum(a, b), c)
+    return values
 
 
 def _at_least(size: float) -> float:

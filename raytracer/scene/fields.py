@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.checks import as_array, require_finite, require_range
 
-# The classes of rays that may see an object or a light, as bits; shadow rays look for light from a surface.
-SEEN_BY = {"camera": 1, "diffuse": 2, "glossy": 4, "transmission": 8, "shadow": 16}
+# The classes of rays that may see an object or a light, as bits; shadow rays look for light from a surface or a medium,
+# those of volumes have been scattered by one.
+SEEN_BY = {"camera": 1, "diffuse": 2, "glossy": 4, "transmission": 8, "shadow": 16, "volume": 32}
 SEEN_BY_ALL = sum(SEEN_BY.values())
 # Each object belongs to one of this many sets for light, and to one for shadow; a light or an emissive object lights
 # some of the former and is blocked by some of the latter, bits of a number.

@@ -124,8 +124,8 @@ def check_volume(value: Any, label: str) -> None:
 class Grid:
     """Values on a lattice of voxels, which programs of volumes read like an attribute of the mesh that they belong to.
 
-    values : (x, y, z) or (x, y, z, 3) float32; that of voxel (i, j, k) is the value at the point (i, j, k) of index
-        space, and 0 lies all around
+    values : (x, y, z), (x, y, z, 3), or (x, y, z, 4) with alpha, float32; that of voxel (i, j, k) is the value at the
+        point (i, j, k) of index space, and 0 lies all around
     object_from_index : (4, 4) float64, affine, from index space to the object space of the mesh
     interpolation : one of GRID_INTERPOLATIONS, between the points
 
@@ -141,7 +141,9 @@ class Grid:
     interpolation: str = "linear"
 
     def __post_init__(self) -> None:
-        shape = ("x", "y", "z") if np.ndim(self.values) == 3 else ("x", "y", "z", 3)
+        shape: tuple[str | int, ...] = ("x", "y", "z")
+        if np.ndim(self.values) == 4:
+            shape += (4 if np.shape(self.values)[3] == 4 else 3,)
         values = as_array(self.values, np.float32, shape, "Grid: values")
         require_finite(values, "Grid: values")
         if 0 in values.shape:

@@ -94,13 +94,13 @@ class VolumeSite(Site):
         """(n,) numbers per value of a grid; 3 of generated coordinates, 0 where there is none."""
         width = np.zeros(len(self), dtype=np.int64)
         for rows, grid, _ in self._find_grids(name):
-            width[rows] = 1 if grid.values.ndim == 3 else 3
+            width[rows] = 1 if grid.values.ndim == 3 else grid.values.shape[3]
         if name == GENERATED:
             width[width == 0] = 3
         return width
 
     def read_attribute(self, name: str) -> Floats:
-        """(n, 4) values of grids as color and alpha: numbers repeat, and alpha is 1; 0 where there is no grid."""
+        """(n, 4) values of grids as color and alpha: numbers repeat, alpha is 1 where there is none."""
         values = np.zeros((len(self), 4))
         width = self.attribute_width(name)
         local = self.to_object(self.position)
@@ -110,8 +110,9 @@ class VolumeSite(Site):
             values[:, :3] = (local - low) / size
         for rows, grid, index_from_object in self._find_grids(name):
             found = sample_grid(grid, transform_points(index_from_object, local[rows]))
-            values[rows, :3] = found if found.ndim == 2 else found[:, np.newaxis]
-        values[width > 0, 3] = 1.0
+            channels = max(3, found.shape[-1]) if found.ndim == 2 else 3
+            values[rows, :channels] = found if found.ndim == 2 else found[:, np.newaxis]
+        values[(width > 0) & (width < 4), 3] = 1.0
         return values
 
     def _find_grids(self, name: str) -> list[tuple[Indices, Grid, Floats]]:

@@ -195,7 +195,7 @@ def test_indices_for_passes(scene_with_camera: Any) -> None:
 def test_ray_visibility_is_kept_or_leaves_out(scene_with_camera: Any) -> None:
     add_cube(scene_with_camera.collection, "NoCamera").visible_camera = False
     nothing = add_cube(scene_with_camera.collection, "Nothing")
-    for kind in ("camera", "diffuse", "glossy", "transmission", "shadow"):
+    for kind in ("camera", "diffuse", "glossy", "transmission", "shadow", "volume_scatter"):
         setattr(nothing, f"visible_{kind}", False)
     collection = bpy.data.collections.new("Indirect")
     scene_with_camera.collection.children.link(collection)

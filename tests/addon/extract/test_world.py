@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from addon import versions
+from addon.extract.world import WORLD_VISIBILITY
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.programs import Register
 from tests.addon.extract.shaders.shader_trees import add, clear_nodes, extract, texts
@@ -50,10 +51,10 @@ def test_world_that_varies_has_a_program(world_tree: Any) -> None:
 def test_world_is_seen_by_the_rays_that_its_visibility_names(world_tree: Any) -> None:
     add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
     assert extract().scene.world.seen_by == SEEN_BY_ALL
-    for name in ("camera", "diffuse", "glossy", "transmission"):
+    for name, label in WORLD_VISIBILITY.items():
         setattr(bpy.context.scene.world.cycles_visibility, name, False)
         world = extract().scene.world
-        assert world.seen_by == SEEN_BY_ALL - SEEN_BY[name]
+        assert world.seen_by == SEEN_BY_ALL - SEEN_BY[label]
         assert_array_equal(world.color, (0.25, 0.5, 1))
         setattr(bpy.context.scene.world.cycles_visibility, name, True)
 

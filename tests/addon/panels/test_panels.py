@@ -163,7 +163,7 @@ def test_world_and_light_panels_draw_their_nodes(empty_scene: Any, registered: N
         owner.node_tree.nodes.clear()
         assert draw(panel, **{name: owner}).texts == ["No output node"]
     names = draw(scene_data.RAYTRACER_WORLD_PT_ray_visibility, world=world).names
-    assert names == ["camera", "diffuse", "glossy", "transmission"]
+    assert names == ["camera", "diffuse", "glossy", "transmission", "scatter"]
     assert draw(scene_data.RAYTRACER_WORLD_PT_settings, world=world).names == ["max_bounces"]
 
 
@@ -182,7 +182,8 @@ def test_ray_visibility_and_material_panels_draw_what_is_read(empty_scene: Any, 
     assert visibility.poll(SimpleNamespace(object=thing, engine=ENGINE))
     assert not visibility.poll(SimpleNamespace(object=None, engine=ENGINE))
     names = draw(visibility, object=thing).names
-    assert names == [f"visible_{kind}" for kind in ("camera", "diffuse", "glossy", "transmission", "shadow")]
+    kinds = ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
+    assert names == [f"visible_{kind}" for kind in kinds]
     lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
     assert draw(visibility, object=lamp).names == names[:-1]
     material = bpy.data.materials.new("Material")

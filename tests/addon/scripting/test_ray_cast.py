@@ -37,7 +37,7 @@ from tests.addon.scripting.test_against_blender import SCENES, assert_blender_ag
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("forget_casters")]
 
-RAY_VISIBILITY = ("camera", "diffuse", "glossy", "transmission", "shadow")
+RAY_VISIBILITY = ("camera", "diffuse", "glossy", "transmission", "shadow", "volume_scatter")
 
 
 # Scenes of blend_scenes/ --------------------------------------------------------------------------------------------

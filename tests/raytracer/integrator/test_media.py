@@ -7,6 +7,7 @@ how small the error is, wrong code that differs by twice 4 errors passes as rare
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ from raytracer import (
     VolumeClosure,
     World,
 )
+from raytracer.integrator.integrator import prepare
+from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from tests.raytracer.integrator.media_scenes import assert_close, fill, look, make_box, measure, show
 
 # float32 pictures, and sums of a few exponentials.
@@ -148,7 +151,7 @@ def test_lights_are_seen_and_shine_through_media() -> None:
     sun = SunLight((0.0, -1.0, 0.0), np.pi)
     scene = Scene(meshes=[make_box(1.0), wall], materials=[fill(absorb()), white], camera=look(), lights=sun)
     np.testing.assert_allclose(measure(scene, 1)[0], decay(0.7 * 4), rtol=1e-5)
-    lamp = AreaLight((0, 2, 0), (2, 0, 0), (0, 0, -2), np.pi * 4, seen_by=31)
+    lamp = AreaLight((0, 2, 0), (2, 0, 0), (0, 0, -2), np.pi * 4, seen_by=SEEN_BY_ALL)
     scene = Scene(meshes=make_box(1.0), materials=fill(absorb()), camera=look(), lights=lamp)
     np.testing.assert_allclose(measure(scene, 1)[0], decay(0.7 * 2), rtol=1e-5)
 
@@ -376,6 +379,84 @@ def test_a_bound_that_is_too_low_costs_noise_alone(monkeypatch: pytest.MonkeyPat
     assert_close(measure(scene, 1024), decay(4.0))
 
 
+def test_a_world_that_varies_ends_far_away_and_not_before() -> None:
+    """A fog whose density falls with the height, exp(-z) from z = 0 on, seen from there: exp(-1) gets through."""
+    height = Program(
+        (
+            Step("NEW_GEOMETRY Position"),
+            Step("SEPXYZ", (Register(0, "Position"),)),
+            Step("MATH", (Register(1, "Z"), -1.0, 0.0), {"operation": "MULTIPLY", "use_clamp": False}),
+            Step("MATH", (Register(2, "Value"), 0.0, 0.0), {"operation": "MINIMUM", "use_clamp": False}),
+            Step("MATH", (Register(3, "Value"), 0.0, 0.0), {"operation": "EXPONENT", "use_clamp": False}),
+        )
+    )
+    fog = Volume(VolumeClosure("absorption", color=0.0, density=Register(4, "Value")), height)
+    matrix = np.diag([1.0, -1.0, -1.0, 1.0])
+    camera = raytracer.Camera(matrix, projection="orthographic", ortho_scale=1e-3)
+    scene = Scene(meshes=make_box(1.0, (9, 0, 1)), camera=camera, world=World(1.0, volume=fog))
+    found = measure(scene, 256)
+    assert (found[1] < 0.01).all()
+    assert_close(found, np.exp(-1.0))
+
+
+# Who sees what --------------------------------------------------------------------------------------------------------
+
+
+@INTEGRATORS
+@pytest.mark.parametrize("what", ["lamp", "world", "object"])
+def test_media_scatter_what_scattered_rays_see(what: str, integrator: str) -> None:
+    hidden = SEEN_BY_ALL - SEEN_BY["volume"]
+    fields: dict[str, Any] = {"meshes": [make_box(1.0)]}
+    if what == "lamp":
+        fields["lights"] = AreaLight((0, 0, 3), (1, 0, 0), (0, 1, 0), 10.0, seen_by=hidden - SEEN_BY["camera"])
+    elif what == "world":
+        fields["world"] = World(0.5, seen_by=hidden - SEEN_BY["camera"])
+    else:
+        fields["meshes"].append(make_box(0.3, (0, 0, 3), 1))
+        fields["instances"] = Instances([0, 1], [np.eye(4)] * 2, seen_by=[SEEN_BY_ALL, hidden])
+    materials = [GREY, Material((Closure("emission", color=5.0),))]
+    seen = measure(Scene(materials=materials, camera=look(), **fields), 4, integrator=integrator)[0]
+    assert (seen == 0.0).all()
+    for name in ("lights", "world", "instances"):
+        fields.pop(name, None) if name == "instances" else None
+    if what != "object":
+        name = "lights" if what == "lamp" else "world"
+        fields[name] = dataclasses.replace(fields[name], seen_by=SEEN_BY_ALL - SEEN_BY["camera"])
+    seen = measure(Scene(materials=materials, camera=look(), **fields), 4, integrator=integrator)[0]
+    assert (seen > 0.0).all()
+
+
+@pytest.mark.parametrize("fills_world", [False, True])
+def test_lamps_may_light_no_medium(fills_world: bool) -> None:
+    """A lamp that lights the second set of objects alone; the world's medium is of the first."""
+    closure = VolumeClosure("scatter", density=0.1)
+    for light_set, lit in ((0, False), (1, True)):
+        world = World(0.0, volume=Volume(closure)) if fills_world else None
+        materials = [Material((Closure("diffuse", color=0.0),)) if fills_world else fill(closure)]
+        instances = Instances([0], np.eye(4)[np.newaxis] + 0.0, light_set=[light_set])
+        sets = 1 << (0 if fills_world and lit else 1)
+        light = PointLight((0, 0, 3), 100.0, receivers=sets)
+        scene = Scene(
+            meshes=make_box(0.5), instances=instances, materials=materials, camera=look(), lights=light, world=world
+        )
+        assert bool(measure(scene, 4)[0].any()) == lit
+
+
+def test_groups_of_lights_hold_what_media_shine_with() -> None:
+    glow = VolumeClosure("emission", emission=0.25)
+    groups = raytracer.LightGroups(["key"], objects=[0])
+    scene = Scene(meshes=make_box(1.0), materials=fill(glow), camera=look(), light_groups=groups)
+    film = show(scene, 1, passes=("Combined", "Combined_key"))
+    np.testing.assert_allclose(film["Combined_key"], 0.5, rtol=TOLERANCE)
+
+
+def test_guides_of_denoisers_tell_the_albedo_of_what_scatters() -> None:
+    thick = fill(VolumeClosure("coefficients", scattering=(30.0, 60.0, 90.0), absorption=(90.0, 60.0, 30.0)))
+    scene = Scene(meshes=make_box(1.0), materials=thick, camera=look())
+    film = show(scene, 4, passes=("Combined", "Denoising Albedo"))
+    np.testing.assert_allclose(film["Denoising Albedo"].mean(axis=(0, 1)), [0.25, 0.5, 0.75], rtol=1e-5)
+
+
 # Passes ---------------------------------------------------------------------------------------------------------------
 
 
@@ -410,9 +491,6 @@ def test_scattering_has_a_limit_of_its_own(most: int) -> None:
 
 def test_a_scene_without_media_has_none() -> None:
     scene = Scene(meshes=make_box(1.0), materials=Material((Closure("diffuse"),)), camera=look(), world=WHITE)
-    caster = raytracer.build(scene)
-    from raytracer.integrator.integrator import prepare
-
-    integrator = prepare(scene, caster, raytracer.Settings(integrator="path"))
+    integrator = prepare(scene, raytracer.build(scene), raytracer.Settings(integrator="path"))
     assert integrator.media is None
     assert integrator.dimensions.medium is None
