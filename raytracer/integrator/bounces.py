@@ -35,9 +35,10 @@ def find_ended(counts: Counts, settings: Settings) -> Booleans:
 def survival_probability(throughput: Floats) -> Floats:
     """Return the probability (n,) with which paths of a throughput (n, 3) shall go on.
 
-    The root of the brightest channel, as in Cycles: what a picture shows is nearer to even in the root of light.
+    The root of the brightest channel, as in Cycles: what a picture shows is nearer to even in the root of light. Below
+    0, as behind media that are denser than their bounds, the size counts.
     """
-    red, green, blue = throughput.T
+    red, green, blue = np.abs(throughput).T
     return np.minimum(np.sqrt(np.maximum(np.maximum(red, green), blue)), 1.0)
 
 

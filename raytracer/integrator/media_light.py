@@ -290,6 +290,6 @@ def go_on_scattered(integrator: Integrator, passes: PathPasses, points: MediumPo
 
 def _play_roulette(throughput: Colors, bounces: Any, sampler: Sampler) -> Numbers:
     """Return factors (n,) of paths' throughput, 0 for those that end (as `scattering.play_roulette`)."""
-    survival = np.where(bounces > CERTAIN_BOUNCES, survival_probability(np.abs(throughput)), 1.0)
+    survival = np.where(bounces > CERTAIN_BOUNCES, survival_probability(throughput), 1.0)
     survives = sampler.uniform(PHASE_ROULETTE) < survival
     return np.divide(1.0, survival, out=np.zeros_like(survival), where=survives & (survival > 0))

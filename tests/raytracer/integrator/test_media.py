@@ -156,6 +156,18 @@ def test_lights_are_seen_and_shine_through_media() -> None:
     np.testing.assert_allclose(measure(scene, 1)[0], decay(0.7 * 2), rtol=1e-5)
 
 
+def test_light_that_comes_through_a_surface_comes_through_what_is_behind_it() -> None:
+    """A translucent sheet with a medium behind it, and a lamp in that, 2 m away: P exp(-2 x) / (4 pi 2^2 pi)."""
+    sheet = Mesh(positions=[(-5, 0, -5), (5, 0, -5), (5, 0, 5), (-5, 0, 5)], triangles=[(0, 1, 2), (0, 2, 3)])
+    leaf = Material((Closure("translucent", color=1.0),), volume=Volume(absorb()))
+    for place, depth in ((2.0, 1.4), (-2.0, 0.0)):
+        light = PointLight((0.0, place, 0.0), 10.0)
+        closure = leaf if place > 0 else Material((Closure("diffuse", color=1.0),), volume=Volume(absorb()))
+        scene = Scene(meshes=sheet, materials=closure, camera=look(), lights=light)
+        expected = 10.0 / (16.0 * np.pi**2) * decay(depth)
+        np.testing.assert_allclose(measure(scene, 1)[0], expected, rtol=1e-5)
+
+
 def test_a_transparent_film_counts_what_gets_through() -> None:
     grey = fill(VolumeClosure("absorption", color=0.0, density=0.5))
     scene = Scene(meshes=make_box(1.0), materials=grey, camera=look(), world=WHITE)
@@ -455,6 +467,18 @@ def test_guides_of_denoisers_tell_the_albedo_of_what_scatters() -> None:
     scene = Scene(meshes=make_box(1.0), materials=thick, camera=look())
     film = show(scene, 4, passes=("Combined", "Denoising Albedo"))
     np.testing.assert_allclose(film["Denoising Albedo"].mean(axis=(0, 1)), [0.25, 0.5, 0.75], rtol=1e-5)
+
+
+def test_paths_that_count_below_nothing_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behind a density beyond its bound light may count below 0: on to a white wall, and what that sees."""
+    monkeypatch.setattr("raytracer.media.majorants.SPARE", 0.4)
+    smoke = fill(VolumeClosure("absorption", color=COLORS, density=DENSITY), program=RISING)
+    room = make_box(8.0, material=1)
+    wall = Material((Closure("diffuse", color=1.0), Closure("emission", color=0.25, weight=0.25)))
+    scene = Scene(meshes=[make_box(1.0), room], materials=[smoke, wall], camera=look((0, -5, 0)))
+    found = measure(scene, 16, max_bounces=4)
+    assert np.isfinite(found[0]).all()
+    assert (found[1] > 0).all()
 
 
 # Passes ---------------------------------------------------------------------------------------------------------------
