@@ -46,6 +46,7 @@ from raytracer.integrator.media_light import (
 from raytracer.integrator.paths import PathPasses, Paths
 from raytracer.integrator.scattering import find_closed, find_finished
 from raytracer.integrator.scene_media import SceneMedia, sum_even
+from raytracer.integrator.shadow_linking import add_linked_light
 from raytracer.integrator.shadow_media import find_passing
 from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.lecture import length
@@ -162,7 +163,10 @@ def cross_media(integrator: Integrator, passes: PathPasses, paths: Paths, hits: 
         shadow_rays += stage.shadow_rays + light_all(integrator, passes, stage)
         add_medium_guides(passes, stage.points.paths, stage.albedo)
         if follows_media(integrator) and len(stage.points):
-            scattered.append(go_on_scattered(integrator, passes, stage.points, find_dimension(integrator)))
+            going_on = go_on_scattered(integrator, passes, stage.points, find_dimension(integrator))
+            scattered.append(going_on)
+            if integrator.shadow_links is not None:
+                add_linked_light(integrator, passes, going_on)
     alive = np.flatnonzero(gets_through & any_column(throughput != 0))
     passed = replace(paths.select(alive), throughput=throughput[alive])
     return Crossed(passed, hits.select(alive), scattered, shadow_rays)

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raytracer.arrays.rows import any_column, sum_columns
-from raytracer.arrays.types import Colors, Floats, Integers, Numbers, Vectors
+from raytracer.arrays.types import Colors, Floats, Indices, Integers, Numbers, Vectors
 from raytracer.bsdfs.bounce_kinds import SCATTERED, count_bounces
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Rays, select_rows
@@ -43,7 +44,7 @@ from raytracer.sampling.dimensions import AFTER_MAP, AROUND, PHASE_DIRECTION, PH
 from raytracer.sampling.direction_map import sample_map
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import power_heuristic
-from raytracer.scene.fields import SEEN_BY
+from raytracer.scene.fields import ALL_SETS, SEEN_BY
 from raytracer.scene.lights import SunLight
 from raytracer.shading.light_path import FARTHEST, Depths, describe_sampling
 from raytracer.surfaces.surface import Surface, imagine_surface
@@ -199,8 +200,16 @@ def aim_from_medium(
         split=split,
         light_group=group,
         immersed=Immersed(some.stack, start_noise_of(some.noise, number)),
+        blockers=find_blockers(found, source, lit),
         from_medium=True,
     )
+
+
+def find_blockers(found: KeyedSamples, source: LightSource | None, lit: Indices) -> NDArray[np.int64] | int:
+    """Return the sets of objects that shadow the samples of some points, as bits, one for all or (k,)."""
+    if found.blockers is not None:
+        return found.blockers[lit]
+    return ALL_SETS if source is None else source.blockers
 
 
 def start_noise_of(noise: Noise, number: int) -> Noise:

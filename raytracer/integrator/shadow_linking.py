@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Numbers
 from raytracer.casting.passed import bound_distances
+from raytracer.casting.rays import Rays
 from raytracer.integrator.bounces import classify_rays, meet_lights
 from raytracer.integrator.contributions import add_emission_met, add_light_met, describe_rays
 from raytracer.integrator.integrator import Integrator
@@ -34,6 +35,8 @@ from raytracer.integrator.shadow_rays import Shadows
 from raytracer.lecture import dot
 from raytracer.lights.emitters import stop_before
 from raytracer.lights.lights import evaluate_light
+from raytracer.media.stack import Immersed
+from raytracer.media.tracking import Noise
 from raytracer.scene.fields import ALL_SETS, SEEN_BY
 from raytracer.scene.lights import Light
 from raytracer.shading.light_path import Depths
@@ -87,6 +90,15 @@ def add_linked_emission(integrator: Integrator, passes: PathPasses, paths: Paths
         again = hits.hit & (hits.instance == last.instance) & (bound_distances(hits)[0] <= bound_distances(last)[1])
 
 
+def hash_rays(rays: Rays) -> Noise:
+    """Return streams of random numbers (k,) for rays whose directions are random themselves: the sums of their bits."""
+    parts = [np.ascontiguousarray(column).view(np.uint64) for column in (*rays.origins.T, *rays.directions.T)]
+    total = parts[0].copy()
+    for number, part in enumerate(parts[1:], start=1):
+        total = total * np.uint64(0x9E3779B97F4A7C15) + part * np.uint64(2 * number + 1)
+    return total
+
+
 def pass_blockers(integrator: Integrator, paths: Paths, reach: Numbers, blockers: NDArray[np.int64]) -> Paths:
     """Return paths with what sets of objects, `blockers` (k,), as bits, leave of their throughput over a reach (k,).
 
@@ -98,5 +110,6 @@ def pass_blockers(integrator: Integrator, paths: Paths, reach: Numbers, blockers
         unstopped=np.zeros(len(paths), dtype=np.bool_),
         cast_as=np.full(len(paths), SEEN_BY["shadow"], np.uint8),
         blockers=blockers,
+        immersed=None if paths.media is None else Immersed(paths.media, hash_rays(paths.rays)),
     )
     return replace(paths, throughput=paths.throughput * integrator.visibility(shadows))

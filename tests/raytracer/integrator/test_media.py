@@ -293,11 +293,12 @@ def test_a_slab_scatters_a_lamps_light_once(name: str, integrator: str) -> None:
     [
         PointLight((0.3, 0.0, 2.0), 10.0, radius=0.5),
         PointLight((0.3, 0.0, 2.0), 10.0, radius=0.5, soft_falloff=False),
+        PointLight((0.3, 0.0, 2.0), 10.0, radius=0.5, soft_falloff=False, blockers=1),
         SpotLight((0.3, 0.0, 2.0), 10.0, radius=0.2, spot_size=1.0),
         AreaLight((0.3, 0.0, 2.0), (1, 0, 0), (0, 1, 0), 10.0),
         SunLight((0.1, 0.2, 1.0), 1.0, angle=0.5),
     ],
-    ids=["disk", "ball", "spot", "area", "sun"],
+    ids=["disk", "ball", "ball with blockers", "spot", "area", "sun"],
 )
 def test_direct_and_path_see_the_same_light_of_lamps_with_extent(light: Any) -> None:
     """By light samples alone, and with scattered rays that meet the light: the same, at no further scattering."""
