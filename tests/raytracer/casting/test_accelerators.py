@@ -275,7 +275,8 @@ def test_crossings_need_certified_precision():
 def test_the_tree_that_the_first_rays_need_is_built_and_no_other(side, is_dense):
     """Few triangles have a dense tree alone; of many a single ray needs the four-wide one."""
     caster = raytracer.build(raytracer.Scene(meshes=[raytracer.Mesh(*make_grid(side))]))
-    assert caster.offer.built is None and caster.offer.other.latest is None
+    assert caster.offer.built is None
+    assert caster.offer.other.latest is None
     caster.closest_hit((0.1, 0.2, 1.0), (0.0, 0.0, -1.0))
     assert (caster.offer.built is not None) == is_dense
     assert (caster.offer.other.latest is None) == is_dense
