@@ -18,6 +18,7 @@ from raytracer.processes.workers import WorkerError, Workers
 from raytracer.rendering.clusters import cast_blocks, render_on
 from raytracer.rendering.render import render
 from raytracer.scene.camera import Camera, Panorama
+from raytracer.scene.curves import Curves
 from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
@@ -36,6 +37,7 @@ __all__ = [
     "CameraMotion",
     "Caster",
     "Closure",
+    "Curves",
     "DaskPool",
     "Film",
     "Grid",

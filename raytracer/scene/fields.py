@@ -20,6 +20,7 @@ SET_COUNT = 63
 ALL_SETS = 2**SET_COUNT - 1
 # What pictures, which are float32, can show; and products of a few such numbers are finite in float64.
 LARGEST = float(np.finfo(np.float32).max)
+LARGEST_INDEX = int(np.iinfo(np.int32).max)
 
 
 def set_field(record: Any, name: str, value: Any) -> None:
@@ -64,7 +65,7 @@ def set_flags(record: Any, names: Sequence[str], label: str) -> None:
 def set_count(record: Any, name: str, label: str) -> None:
     """Check a field that is a whole number of 0 or more, such as an index."""
     value = set_array(record, name, np.int32, (), label)
-    require_range(value, 0, np.iinfo(np.int32).max, f"{label}: {name}")
+    require_range(value, 0, LARGEST_INDEX, f"{label}: {name}")
     set_field(record, name, int(value))
 
 
@@ -99,6 +100,48 @@ def set_properties(record: Any, shape: Sequence[int | str], label: str) -> None:
         table[name] = as_array(values, np.float64, shape, f"{label}: property {name!r}")
         require_finite(table[name], f"{label}: property {name!r}")
     set_field(record, "properties", table)
+
+
+def set_attributes(record: Any, points: int, triangles: int | None, label: str, field: str = "attributes") -> None:
+    """Attributes have (k) numbers of each point, or (3, k) of each triangle where a record has triangles."""
+    table, checked = getattr(record, field), {}
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{label}: {field}: expected a table, got {type(table).__name__}")
+    for name, values in table.items():
+        require_text(name, f"{label}: {field}")
+        rows = (points,) if triangles is None or np.ndim(values) != 3 else (triangles, 3)
+        array = as_array(np.asarray(values), np.float64, (*rows, "k"), f"{label}: attribute {name!r}")
+        require_range(np.asarray(array.shape[-1]), 1, 4, f"{label}: attribute {name!r}: width")
+        require_finite(array, f"{label}: attribute {name!r}")
+        checked[name] = array
+    set_field(record, field, checked)
+
+
+def set_material(record: Any, count: int, label: str) -> None:
+    """Material indices are one int for all primitives, or one per primitive."""
+    if type(record.material) is int and 0 <= record.material <= LARGEST_INDEX:
+        return  # as thousands of meshes have it
+    if np.ndim(record.material) == 0:
+        lowest = int(set_array(record, "material", np.int32, (), label))
+        set_field(record, "material", lowest)
+    else:
+        lowest = int(set_array(record, "material", np.int32, (count,), label).min(initial=0))
+    if lowest < 0:
+        raise ValueError(f"{label}: material: expected indices of 0 or more, got {lowest}")
+
+
+def set_object(record: Any, label: str) -> None:
+    """Check what a group of primitives is as one object: the fields that Instances has of each."""
+    set_count(record, "pass_index", label)
+    set_flags(record, ("holdout", "shadow_catcher"), label)
+    set_seen_by(record, label)
+    set_linked_sets(record, label)
+    for name in ("light_set", "shadow_set"):
+        require_range(set_array(record, name, np.int32, (), label), 0, SET_COUNT - 1, f"{label}: {name}")
+        set_field(record, name, int(getattr(record, name)))
+    set_number(record, "random", 0.0, 1.0, label)
+    set_array(record, "color", np.float64, (4,), label)
+    set_properties(record, (4,), label)
 
 
 def make_records(value: Any, kind: Any, field: str) -> tuple[Any, ...]:

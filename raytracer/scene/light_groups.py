@@ -20,7 +20,7 @@ class LightGroups:
     """Which group each light, each object and the world belongs to, as an index into `names`; -1 for none.
 
     lights : (lights,) int32, of the scene's lights
-    objects : (i + g,) int32, of its instances, or meshes where it has none, then of its groups of spheres
+    objects : (i + g,) int32, of its instances, or meshes where it has none, then of its groups of spheres and of curves
     """
 
     names: Sequence[str]

@@ -2,7 +2,7 @@
 
 World space is Blender's: metres, right-handed, z up. Radiometry is linear RGB in the renderer's working space.
 A record that a scene lacks is None or an empty tuple; what the content needs is derived from it (`features.py`).
-Its parts stand beside this file: shapes, camera, lights and world, materials, programs.
+Its parts stand beside this file: shapes, curves, camera, lights and world, materials, programs.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.scene.camera import Camera
+from raytracer.scene.curves import Curves
 from raytracer.scene.fields import make_records, require_text, set_field
 from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import Light, World
@@ -28,6 +29,7 @@ class Scene:
 
     meshes : Mesh records; each stands in the world as it is where `instances` is None
     spheres : Spheres, or a sequence of Spheres
+    curves : Curves, or a sequence of Curves
     instances : Instances of the meshes, or None
     materials : Material records; empty = one grey diffuse material for all
     lights : light records
@@ -60,19 +62,24 @@ class Scene:
     neighbors: Motion | None = None
     name: str = field(default="", compare=False)
     light_groups: LightGroups | None = None
+    curves: Any = ()
 
     def __post_init__(self) -> None:
-        for name, kind in (("meshes", Mesh), ("spheres", Spheres), ("materials", Material), ("lights", Light)):
+        sequences: tuple[tuple[str, Any], ...] = (
+            *(("meshes", Mesh), ("spheres", Spheres), ("curves", Curves)),
+            *(("materials", Material), ("lights", Light)),
+        )
+        for name, kind in sequences:
             set_field(self, name, make_records(getattr(self, name), kind, f"Scene: {name}"))
         optional: tuple[tuple[str, type], ...] = (
             *(("instances", Instances), ("world", World)),
             *(("camera", Camera), ("light_groups", LightGroups)),
             *(("motion", Motion), ("neighbors", Motion)),
         )
-        for name, record in optional:
+        for name, kind in optional:
             value = getattr(self, name)
-            if value is not None and not isinstance(value, record):
-                raise ValueError(f"Scene: {name}: expected {record.__name__} or None, got {type(value).__name__}")
+            if value is not None and not isinstance(value, kind):
+                raise ValueError(f"Scene: {name}: expected {kind.__name__} or None, got {type(value).__name__}")
         require_text(self.name, "Scene: name")
         if not self.materials:
             set_field(self, "materials", (DEFAULT_MATERIAL,))
@@ -83,7 +90,7 @@ class Scene:
                     f"Scene: instances: mesh: expected indices from 0 to {len(self.meshes) - 1}, "
                     f"got {low if low < 0 else high}"
                 )
-        for record in (*self.meshes, *self.spheres):
+        for record in (*self.meshes, *self.groups):
             highest = int(np.max(record.material, initial=0))
             if highest >= len(self.materials):
                 raise ValueError(
@@ -93,12 +100,17 @@ class Scene:
         for motion in filter(None, (self.motion, self.neighbors)):
             require_fitting(motion, self.instances, self.meshes, self.spheres)
         if self.light_groups is not None:
-            for name, count in (("lights", len(self.lights)), ("objects", self.instance_count + len(self.spheres))):
+            for name, count in (("lights", len(self.lights)), ("objects", self.instance_count + len(self.groups))):
                 found = len(getattr(self.light_groups, name))
                 if found != count:
                     raise ValueError(f"Scene: light_groups: {name}: expected {count} numbers, got {found}")
 
     @property
     def instance_count(self) -> int:
-        """Number of mesh instances; groups of spheres are numbered after them in `Hits.instance`."""
+        """Number of mesh instances; `groups` are numbered after them in `Hits.instance`."""
         return len(self.meshes) if self.instances is None else len(self.instances)
+
+    @property
+    def groups(self) -> tuple[Spheres | Curves, ...]:
+        """The objects that are no instances, as they are numbered: groups of spheres, then of curves."""
+        return (*self.spheres, *self.curves)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from raytracer.files.archive import Archive, open_archive, take_table, write_archive
 from raytracer.scene.camera import Camera, Panorama
+from raytracer.scene.curves import Curves
 from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import AreaLight, LightNodes, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
@@ -28,7 +29,7 @@ FILE_FORMAT = "reference-raytracer-scene-1"
 RECORDS = {
     record.__name__: record
     for record in (
-        *(Mesh, Spheres, Instances, Closure, Material, PointLight, SpotLight, SunLight, AreaLight),
+        *(Mesh, Spheres, Curves, Instances, Closure, Material, PointLight, SpotLight, SunLight, AreaLight),
         *(LightNodes, World, Camera, Panorama, Scene, LightGroups, Aovs, Program, Step, Register, Image, TiledImage),
         *(Motion, CameraMotion, InstanceMotion, MeshMotion, SpheresMotion),
         *(Volume, VolumeClosure, Grid),

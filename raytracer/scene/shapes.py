@@ -9,24 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.arrays.checks import as_array, require_finite, require_range
+from raytracer.arrays.checks import require_range
 from raytracer.scene.fields import (
     ALL_SETS,
     SEEN_BY_ALL,
     SET_COUNT,
     require_text,
     set_array,
-    set_count,
+    set_attributes,
     set_field,
-    set_flags,
-    set_linked_sets,
-    set_number,
+    set_material,
+    set_object,
     set_properties,
-    set_seen_by,
 )
 from raytracer.scene.media import Grid
-
-LARGEST_INDEX = int(np.iinfo(np.int32).max)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +73,9 @@ class Mesh:
                 per_corner = np.ndim(getattr(self, name)) == 3
                 shape = (len(triangles), 3, width) if per_corner else (len(positions), width)
                 set_array(self, name, np.float64, shape, label)
-        _set_attributes(self, len(positions), len(triangles), label)
+        set_attributes(self, len(positions), len(triangles), label)
         _check_grids(self.grids, label)
-        _set_material(self, len(triangles), label)
+        set_material(self, len(triangles), label)
 
     def with_material(self, material: Any, attributes: Mapping[str, Any] | None = None) -> Mesh:
         """Return the mesh with another material, and with `attributes` unless None; its arrays are not checked again.
@@ -93,10 +89,10 @@ class Mesh:
         """
         mesh, label = copy.copy(self), f"Mesh {self.name!r}" if self.name else "Mesh"
         set_field(mesh, "material", material)
-        _set_material(mesh, len(self.triangles), label)
+        set_material(mesh, len(self.triangles), label)
         if attributes is not None:
             set_field(mesh, "attributes", attributes)
-            _set_attributes(mesh, len(self.positions), len(self.triangles), label)
+            set_attributes(mesh, len(self.positions), len(self.triangles), label)
         return mesh
 
 
@@ -107,34 +103,6 @@ def _check_grids(grids: Any, label: str) -> None:
         require_text(name, f"{label}: grids")
         if not isinstance(grid, Grid):
             raise ValueError(f"{label}: grid {name!r}: expected a Grid, got {type(grid).__name__}")
-
-
-def _set_attributes(record: Mesh | Spheres, points: int, triangles: int | None, label: str) -> None:
-    """Attributes have (k) numbers of each point, or (3, k) of each triangle where a record has triangles."""
-    if not isinstance(record.attributes, Mapping):
-        raise ValueError(f"{label}: attributes: expected a table, got {type(record.attributes).__name__}")
-    checked = {}
-    for name, values in record.attributes.items():
-        require_text(name, f"{label}: attributes")
-        rows = (points,) if triangles is None or np.ndim(values) != 3 else (triangles, 3)
-        array = as_array(np.asarray(values), np.float64, (*rows, "k"), f"{label}: attribute {name!r}")
-        require_range(np.asarray(array.shape[-1]), 1, 4, f"{label}: attribute {name!r}: width")
-        require_finite(array, f"{label}: attribute {name!r}")
-        checked[name] = array
-    set_field(record, "attributes", checked)
-
-
-def _set_material(record: Any, count: int, label: str) -> None:
-    """Material indices are one int for all primitives, or one per primitive."""
-    if type(record.material) is int and 0 <= record.material <= LARGEST_INDEX:
-        return  # as thousands of meshes have it
-    if np.ndim(record.material) == 0:
-        lowest = int(set_array(record, "material", np.int32, (), label))
-        set_field(record, "material", lowest)
-    else:
-        lowest = int(set_array(record, "material", np.int32, (count,), label).min(initial=0))
-    if lowest < 0:
-        raise ValueError(f"{label}: material: expected indices of 0 or more, got {lowest}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,21 +140,12 @@ class Spheres:
     def __post_init__(self) -> None:
         require_text(self.name, "Spheres: name")
         label = f"Spheres {self.name!r}" if self.name else "Spheres"
-        set_count(self, "pass_index", label)
-        set_flags(self, ("holdout", "shadow_catcher"), label)
         centres = set_array(self, "centres", np.float64, ("s", 3), label)
         radii = set_array(self, "radii", np.float64, (len(centres),), label)
         require_range(radii, np.nextafter(0.0, 1.0), np.inf, f"{label}: radii")
-        _set_material(self, len(centres), label)
-        set_seen_by(self, label)
-        set_linked_sets(self, label)
-        for name in ("light_set", "shadow_set"):
-            require_range(set_array(self, name, np.int32, (), label), 0, SET_COUNT - 1, f"{label}: {name}")
-            set_field(self, name, int(getattr(self, name)))
-        set_number(self, "random", 0.0, 1.0, label)
-        set_array(self, "color", np.float64, (4,), label)
-        set_properties(self, (4,), label)
-        _set_attributes(self, len(centres), None, label)
+        set_material(self, len(centres), label)
+        set_object(self, label)
+        set_attributes(self, len(centres), None, label)
 
 
 @dataclass(frozen=True, eq=False)
