@@ -1,9 +1,10 @@
-"""Every primitive as a candidate of every ray: the slow twin that every accelerator is tested against."""
+"""Every triangle and sphere as a candidate of every ray: the slow twin that every accelerator is tested against."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from raytracer.casting.geometry import Kind
 from raytracer.casting.query import Query
 
 # Pairs per block: a few megabytes of corners, within the cache of one core.
@@ -11,8 +12,8 @@ BLOCK_PAIRS = 1 << 16
 
 
 def offer_all(query: Query) -> None:
-    """Offer all primitives to all rays, in blocks of rays."""
-    ids = np.arange(query.primitives.geometry.first_id[-1])
+    """Offer all triangles and spheres to all rays, in blocks of rays."""
+    ids = np.arange(query.primitives.geometry.kind_range(Kind.SPHERE)[1])
     if not len(ids):
         return
     step = max(1, BLOCK_PAIRS // len(ids))

@@ -19,6 +19,7 @@ from raytracer.arrays.types import Booleans
 from raytracer.casting.bvh.hierarchy import choose_flattened
 from raytracer.casting.choose import Offer, choose_accelerators
 from raytracer.casting.crossings import CrossingQuery
+from raytracer.casting.curves.caster import CurveCaster
 from raytracer.casting.dense.offer import DenseOffer
 from raytracer.casting.geometry import Geometry, pack_geometry
 from raytracer.casting.matrix_form import MatrixForm
@@ -62,6 +63,7 @@ class Caster(Questions):
         projected; None: never
     drawn : offers a query, whose rays leave one point, what is drawn on their grid; None where not all is triangles
         of flattened instances
+    curves : casts into the curves; None where there are none
     """
 
     scene: Scene
@@ -69,6 +71,7 @@ class Caster(Questions):
     offer: Offer
     smallest_pencil: int | None = None
     drawn: DrawnOffer | None = None
+    curves: CurveCaster | None = None
 
     @property
     def geometry(self) -> Geometry:
@@ -132,8 +135,11 @@ class Caster(Questions):
         rays = replace(make_rays(origins, directions, t_min, t_max), after=after, departure=departure)
         valid = rays.valid()
         hits = make_misses(valid, tied=order is not None)
-        for index, query in self._run_queries(rays, valid, False, order):
+        others = rays if self.curves is None else self.curves.leave_curves(rays)
+        for index, query in self._run_queries(others, valid, False, order):
             hits.put(index, query.closest())
+        if self.curves is not None:
+            self.curves.put_closest(rays, hits)
         return hits
 
     def any_hit(
@@ -159,9 +165,11 @@ class Caster(Questions):
         [False]
         """
         rays = replace(make_rays(origins, directions, t_min, t_max), departure=departure)
-        found = np.zeros(len(rays), dtype=bool)
-        for index, query in self._run_queries(rays, rays.valid(), True, order):
+        found, valid = np.zeros(len(rays), dtype=bool), rays.valid()
+        for index, query in self._run_queries(rays, valid, True, order):
             found[index] = query.found_any()
+        if self.curves is not None:
+            self.curves.put_any(rays, valid, found)
         return found
 
     def _run_queries(
@@ -299,7 +307,8 @@ def build(scene: Scene, precision: str = "certified", last: Caster | None = None
     geometry = pack_geometry(scene)
     primitives = make_primitives(geometry, precision, choose_flattened(geometry))
     chosen = choose_accelerators(primitives, None if last is None else last.offer)
-    return Caster(scene, primitives, chosen.offer, chosen.smallest_pencil, chosen.drawn)
+    curves = None if geometry.strands is None else CurveCaster(primitives, geometry.strands)
+    return Caster(scene, primitives, chosen.offer, chosen.smallest_pencil, chosen.drawn, curves)
 
 
 def _offer_part(view: View, projection: Projection, rows: slice, query: Query) -> None:

@@ -1,8 +1,8 @@
 """All geometry of a scene in packed arrays, and the one number that names each primitive of each instance.
 
 A *primitive id* (int64) counts the triangles of instance 0, then those of instance 1, and so on, then the spheres of
-each group. Ids therefore sort as (instance, primitive) does, and "ties go to the lowest index" is a comparison of
-numbers.
+each group, then the segments of each group of curves. Ids therefore sort as (instance, primitive) does, and "ties go to
+the lowest index" is a comparison of numbers.
 
 The true triangle of an instance is the float64 triangle that `world_corners` returns: each world coordinate is
 ((m0 x + m1 y) + m2 z) + m3, every operation rounded to nearest. An identity matrix changes nothing.
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats, Integers
+from raytracer.casting.curves.strands import Strands, pack_strands
 from raytracer.scene.scene import Scene
 
 Ids = NDArray[np.int64]
@@ -33,6 +34,7 @@ class Kind(IntEnum):
 
     TRIANGLE = 0
     SPHERE = 1
+    CURVE = 2
 
 
 Corners = tuple[Floats, Floats, Floats]
@@ -48,7 +50,10 @@ class Geometry:
     instance_mesh : (i,) int32
     world_from_object : (i, 4, 4) float64
     centres, radii : (s, 3), (s,) float64, world space
-    first_id : (i + g + 1,) int64, primitive id at which each instance, then each group of spheres, begins; then the end
+    first_id : (i + g + 1,) int64, primitive id at which each instance, then each group of spheres, then each of curves,
+        begins; then the end
+    strands : the curves, or None where there are none
+    curve_groups : how many groups of curves there are
     """
 
     positions: Floats
@@ -60,11 +65,14 @@ class Geometry:
     centres: Floats
     radii: Floats
     first_id: Ids
+    strands: Strands | None = None
+    curve_groups: int = 0
 
     @property
     def kind_owners(self) -> tuple[int, ...]:
         """The first instance or group of each kind of primitive, and the end."""
-        return 0, len(self.instance_mesh), len(self.first_id) - 1
+        end = len(self.first_id) - 1
+        return 0, len(self.instance_mesh), end - self.curve_groups, end
 
     def kind_range(self, kind: Kind) -> tuple[int, int]:
         """Return the first primitive id of a kind, and the one behind its last."""
@@ -78,24 +86,28 @@ class Geometry:
 
     def is_kind(self, primitive_id: Ids, kind: Kind) -> Booleans:
         """(n,) True for primitive ids of a kind."""
-        return _lies_within(primitive_id, self.kind_range(kind), kind)
+        return _lies_within(primitive_id, self.kind_range(kind), kind, self._is_last(kind))
 
     def belongs_to_kind(self, instance: Integers, kind: Kind) -> Booleans:
         """(n,) True for instances, or groups, of a kind's primitives."""
-        return _lies_within(instance, self.kind_owners[kind : kind + 2], kind)
+        return _lies_within(instance, self.kind_owners[kind : kind + 2], kind, self._is_last(kind))
+
+    def _is_last(self, kind: Kind) -> bool:
+        """Whether nothing can come behind a kind: curves, or spheres where there are no curves."""
+        return kind == Kind.CURVE or (kind == Kind.SPHERE and not self.curve_groups)
 
     def find_rows(self, primitive_id: Ids, kind: Kind) -> Ids:
         """Return the (n,) rows of primitives among all of their kind."""
         return primitive_id - self.kind_range(kind)[0]
 
 
-def _lies_within(numbers: NDArray[Any], ends: tuple[int, ...], kind: Kind) -> Booleans:
+def _lies_within(numbers: NDArray[Any], ends: tuple[int, ...], kind: Kind, is_last: bool) -> Booleans:
     """(n,) True for numbers between two ends; the first and the last kind have only one neighbor."""
     above = numbers >= ends[0] if kind > min(Kind) else None
-    below = numbers < ends[1] if kind < max(Kind) else None
-    if above is None:
-        return np.ones(np.shape(numbers), np.bool_) if below is None else below
-    return above if below is None else above & below
+    below = None if is_last else numbers < ends[1]
+    if above is None or below is None:
+        return above if below is None else below  # type: ignore[return-value]
+    return above & below
 
 
 def _stack(arrays: list[NDArray], shape: tuple[int, ...], dtype: type) -> NDArray:
@@ -106,7 +118,7 @@ def _stack(arrays: list[NDArray], shape: tuple[int, ...], dtype: type) -> NDArra
 
 
 def pack_geometry(scene: Scene) -> Geometry:
-    """Return the packed arrays of a scene's meshes, instances and spheres."""
+    """Return the packed arrays of a scene's meshes, instances, spheres and curves."""
     slices: dict[tuple[int, int], tuple[int, int]] = {}
     positions: list[NDArray] = []
     triangles: list[NDArray] = []
@@ -127,7 +139,8 @@ def pack_geometry(scene: Scene) -> Geometry:
         matrices = np.tile(np.eye(4), (len(scene.meshes), 1, 1))
     else:
         instance_mesh, matrices = scene.instances.mesh, scene.instances.world_from_object
-    sizes = np.concatenate([count[instance_mesh], [len(group.radii) for group in scene.spheres]])
+    groups = [*(len(group.radii) for group in scene.spheres), *(group.segment_count for group in scene.curves)]
+    sizes = np.concatenate([count[instance_mesh], groups])
     return Geometry(
         positions=_stack(positions, (3,), np.float64),
         triangles=_stack(triangles, (3,), np.int32),
@@ -138,6 +151,8 @@ def pack_geometry(scene: Scene) -> Geometry:
         centres=_stack([group.centres for group in scene.spheres], (3,), np.float64),
         radii=_stack([group.radii for group in scene.spheres], (), np.float64),
         first_id=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        strands=pack_strands(scene.curves) if scene.curves else None,
+        curve_groups=len(scene.curves),
     )
 
 
@@ -148,7 +163,7 @@ def transform_points(matrix: Floats, points: Floats) -> Floats:
 
 
 def split_id(geometry: Geometry, primitive_id: Ids) -> tuple[Integers, Integers]:
-    """Return (instance, primitive), both (n,) int32, of primitive ids; groups of spheres follow the instances."""
+    """Return (instance, primitive), both (n,) int32, of primitive ids; groups follow the instances."""
     instance = np.searchsorted(geometry.first_id, primitive_id, side="right") - 1
     return instance.astype(np.int32), (primitive_id - geometry.first_id[instance]).astype(np.int32)
 

@@ -137,10 +137,10 @@ def as_points(points: ArrayLike) -> Floats:
 
 
 def list_closed(scene: Scene) -> Booleans:
-    """Return (instances + groups,) True for what has an inside: meshes without a border, and spheres."""
+    """Return (instances + groups,) True for what has an inside: meshes without a border, and spheres; no curves."""
     closed = np.array([is_closed(mesh) for mesh in scene.meshes], dtype=np.bool_)
     placed = closed if scene.instances is None else closed[scene.instances.mesh]
-    return np.append(placed, np.ones(len(scene.spheres), dtype=np.bool_))
+    return np.concatenate([placed, np.repeat([True, False], [len(scene.spheres), len(scene.curves)])])
 
 
 def is_closed(mesh: Mesh) -> bool:

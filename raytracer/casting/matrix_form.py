@@ -20,6 +20,7 @@ from raytracer.arrays.types import Booleans, Floats
 from raytracer.casting.bvh.tree import make_frame
 from raytracer.casting.dense.packets import cross_triangles
 from raytracer.casting.framed import frame_rays, largest_row
+from raytracer.casting.geometry import Kind
 from raytracer.casting.planes import OFFER_PAIRS, PlaneDecisions, make_planes
 from raytracer.casting.primitives import Primitives, gather_corners
 from raytracer.casting.query import Query
@@ -45,7 +46,7 @@ class MatrixForm:
         pairs = [(corners[1], corners[2]), (corners[2], corners[0]), (corners[0], corners[1])]
         edges = [np.concatenate([cross(p, q), q - p]).T for p, q in pairs]
         self.edges = np.concatenate(edges).astype(np.float32)[np.newaxis]  # (1, 3 t, 6)
-        self.sphere_ids = np.arange(count, primitives.geometry.first_id[-1])
+        self.sphere_ids = np.arange(*primitives.geometry.kind_range(Kind.SPHERE))
 
     @np.errstate(all="ignore")
     def __call__(self, query: Query) -> None:

@@ -12,12 +12,13 @@ from raytracer.casting.caster import Caster, build
 from raytracer.casting.order import Order, SortKeys
 from raytracer.casting.ray_visibility import SceneCaster
 from raytracer.casting.rays import Hits
+from raytracer.scene.curves import Curves
 from raytracer.scene.scene import Scene
-from raytracer.scene.shapes import Instances
+from raytracer.scene.shapes import Instances, Spheres
 
 
 class SubsetCaster:
-    """Casts into those instances and groups of spheres of `whole` that are `present` (instances + groups,) bool."""
+    """Casts into those instances and groups of `whole` that are `present` (instances + groups,) bool."""
 
     def __init__(self, whole: SceneCaster, present: Booleans) -> None:
         self._number = np.flatnonzero(present).astype(np.int32)
@@ -68,17 +69,19 @@ class PartOrder:
 
 
 def take_part(scene: Scene, present: Booleans) -> Scene:
-    """Return the geometry of a scene's instances and groups of spheres that are `present`, in their order."""
+    """Return the geometry of a scene's instances and groups that are `present`, in their order."""
     count = scene.instance_count
     placed = np.flatnonzero(present[:count])
     mesh, matrices = np.arange(count), np.broadcast_to(np.eye(4), (count, 4, 4))
     if scene.instances is not None:
         mesh, matrices = scene.instances.mesh, scene.instances.world_from_object
     used, mesh = np.unique(mesh[placed], return_inverse=True)
+    groups = [group for group, stays in zip(scene.groups, present[count:], strict=True) if stays]
     return replace(
         scene,
         meshes=[scene.meshes[index] for index in used],
         instances=Instances(mesh, matrices[placed]),
-        spheres=[group for group, stays in zip(scene.spheres, present[count:], strict=True) if stays],
+        spheres=[group for group in groups if isinstance(group, Spheres)],
+        curves=[group for group in groups if isinstance(group, Curves)],
         light_groups=None,  # which number objects
     )

@@ -144,21 +144,21 @@ def has_medium(record: Material | World) -> bool:
 
 
 def _is_any(scene: Scene, name: str) -> bool:
-    """True where an instance, or a group of spheres, has a property."""
+    """True where an instance, or a group of spheres or curves, has a property."""
     placed = scene.instances is not None and bool(getattr(scene.instances, name).any())
-    return placed or any(getattr(group, name) for group in scene.spheres)
+    return placed or any(getattr(group, name) for group in scene.groups)
 
 
 def _links(scene: Scene, name: str) -> bool:
     """True where an emitter names some sets of objects, and not all."""
-    records = any(getattr(record, name) != ALL_SETS for record in (*scene.lights, *scene.spheres))
+    records = any(getattr(record, name) != ALL_SETS for record in (*scene.lights, *scene.groups))
     return records or (scene.instances is not None and bool((getattr(scene.instances, name) != ALL_SETS).any()))
 
 
 def derive_features(scene: Scene) -> Features:
     """Return the Features of `scene`."""
     closures = [closure for material in scene.materials for closure in material.closures]
-    hides = any(group.seen_by != SEEN_BY_ALL for group in scene.spheres)
+    hides = any(group.seen_by != SEEN_BY_ALL for group in scene.groups)
     if scene.instances is not None and scene.instances.seen_by is not None:
         hides |= bool((scene.instances.seen_by != SEEN_BY_ALL).any())
     return Features(

@@ -16,16 +16,16 @@ from raytracer.shading.site_tables import choose_axes
 
 
 def gather_records(scene: Scene, name: str, dtype: type) -> NDArray[Any]:
-    """Return a property of all instances, then of all groups of spheres."""
+    """Return a property of all instances, then of all groups."""
     instances = None if scene.instances is None else getattr(scene.instances, name)
     if instances is None:
         default = {"seen_by": SEEN_BY_ALL, "receivers": ALL_SETS, "blockers": ALL_SETS}.get(name, 0)
         instances = np.full(scene.instance_count, default, dtype)
-    return np.concatenate([instances, np.array([getattr(group, name) for group in scene.spheres], dtype=dtype)])
+    return np.concatenate([instances, np.array([getattr(group, name) for group in scene.groups], dtype=dtype)])
 
 
 def find_identities(scene: Scene, kind: str) -> Numbers:
-    """Return the hashes, as floats, that Cryptomatte knows materials, or instances and then groups of spheres, by.
+    """Return the hashes, as floats, that Cryptomatte knows materials, or instances and then groups, by.
 
     Of the latter they are properties of the name that `matte_table` gives; 0 where there are none.
     """
@@ -33,10 +33,10 @@ def find_identities(scene: Scene, kind: str) -> Numbers:
         return np.array([hash_to_float(hash_name(material.name)) for material in scene.materials] or [0.0])
     name, count = matte_table(kind), scene.instance_count
     instances = {} if scene.instances is None else scene.instances.properties
-    identities = np.zeros(count + len(scene.spheres))
+    identities = np.zeros(count + len(scene.groups))
     if name in instances:
         identities[:count] = instances[name][:, 0]
-    identities[count:] = [group.properties[name][0] if name in group.properties else 0.0 for group in scene.spheres]
+    identities[count:] = [group.properties[name][0] if name in group.properties else 0.0 for group in scene.groups]
     return identities
 
 

@@ -105,12 +105,16 @@ def make_emitters(
 ) -> Emitters:
     """Collect the primitives whose material has radiance (materials, 3) other than 0, or NaN: `find_radiance` tells.
 
+    Curves shine where they are met, but are not picked, as in Cycles.
+
     present : (instances + groups,) bool, True for those that count; None where all do
     largest : of more triangles, those of meshes with several instances are not listed
     """
     varies = any_column(np.isnan(radiance))
     radiance = np.where(varies[:, np.newaxis], 1.0, radiance)
-    records = np.arange(len(tables.material_first)) if present is None else np.flatnonzero(present)
+    records = np.arange(tables.geometry.kind_owners[Kind.CURVE])
+    if present is not None:
+        records = records[present[records]]
     meshes = find_instanced_meshes(tables, radiance, records, largest)
     emitters = _collect(tables, radiance, mean_column(np.abs(radiance)), records, meshes)
     if find_radiance is None or not varies.any():

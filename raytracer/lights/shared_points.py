@@ -51,10 +51,10 @@ def choose_interleaving(pixels: int, scene: Scene) -> int:
 
 
 def count_primitives(scene: Scene) -> int:
-    """Return the number of triangles of all instances and of spheres."""
+    """Return the number of triangles of all instances, of spheres and of points of curves."""
     triangles = np.array([len(mesh.triangles) for mesh in scene.meshes], dtype=np.int64)
     shown = triangles if scene.instances is None else triangles[scene.instances.mesh]
-    return int(shown.sum()) + sum(len(group.radii) for group in scene.spheres)
+    return int(shown.sum()) + sum(len(group.radii) for group in scene.groups)
 
 
 def is_shareable(light: Light) -> bool:

@@ -23,7 +23,8 @@ from raytracer.rendering.blocks import Block, BlockResult, BlockTracer, FrameWin
 from raytracer.scene.moments import find_moment, moves_geometry
 from raytracer.scene.scene import Scene
 
-# The triangles and spheres of all moments that are kept at once, at most; each takes some hundred bytes.
+# The triangles, spheres and points of curves of all moments that are kept at once, at most; each takes some hundred
+# bytes.
 KEPT_PRIMITIVES = 1 << 21
 
 
@@ -33,7 +34,7 @@ def count_moving(scene: Scene) -> int:
         return 0
     triangles = np.array([len(mesh.triangles) for mesh in scene.meshes], dtype=np.int64)
     placed = triangles.sum() if scene.instances is None else triangles[scene.instances.mesh].sum()
-    return int(placed) + sum(len(group.radii) for group in scene.spheres)
+    return int(placed) + sum(len(group.radii) for group in scene.groups)
 
 
 def find_time_side(scene: Scene, window: FrameWindow) -> int:

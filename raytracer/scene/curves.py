@@ -45,8 +45,8 @@ class Curves:
     attributes : by name, (p, k) float64 of each point, for the programs of materials; along a segment they run straight
         from one to the other. k as in Mesh
     strand_attributes : by name, (s, k) float64, of each strand; other names than those of `attributes`
-    pass_index, holdout, seen_by, shadow_catcher, light_set, receivers, shadow_set, blockers : as in Spheres
-    random, color, properties : as in Spheres
+    pass_index, holdout, seen_by, shadow_catcher, light_set, receivers, shadow_set, blockers, random, color,
+        properties : as in Spheres
     world_from_object : (4, 4) float64, affine, where the object stands, for programs that read coordinates in its space
 
     References

@@ -78,7 +78,7 @@ class SiteTables:
     sphere_widths : by name, (g,) int64, the same of groups of spheres; only what a group has
     sphere_values : by name, (s, k) the values of all spheres, group by group; only what a group has
     first_sphere : (g,) int64, the first sphere of each group
-    random : (i + g,) float64; color : (i + g, 4); index : (i + g,) int32; instances, then groups of spheres
+    random : (i + g,) float64; color : (i + g, 4); index : (i + g,) int32; instances, then groups
     properties : by name, (i + g, 4) float64, 0 where there is none
     smooth : (meshes,) bool, True for meshes with normals
     view : CameraView, or None without a camera
@@ -108,12 +108,12 @@ def make_site_tables(
 ) -> SiteTables:
     """Pack the attributes `names`, objects and camera of a scene; resolution : of the full picture."""
     geometry, instances = surface.geometry, scene.instances
-    count, groups = scene.instance_count, len(scene.spheres)
+    count, groups = scene.instance_count, len(scene.groups)
     random, color = np.zeros(count + groups), np.ones((count + groups, 4))
-    random[count:] = [group.random for group in scene.spheres]
-    color[count:] = np.reshape([group.color for group in scene.spheres], (groups, 4))
+    random[count:] = [group.random for group in scene.groups]
+    color[count:] = np.reshape([group.color for group in scene.groups], (groups, 4))
     index = np.zeros(count + groups, dtype=np.int32)
-    index[count:] = [group.pass_index for group in scene.spheres]
+    index[count:] = [group.pass_index for group in scene.groups]
     if instances is not None:
         index[:count] = instances.pass_index
         random[:count] = 0.0 if instances.random is None else instances.random
@@ -127,7 +127,7 @@ def make_site_tables(
         widths=widths,
         sphere_widths=sphere_widths,
         sphere_values={name: _pack_spheres(scene, name, int(width.max())) for name, width in sphere_widths.items()},
-        first_sphere=np.cumsum([0, *(len(group.radii) for group in scene.spheres)])[:groups],
+        first_sphere=np.cumsum([0, *(len(group.radii) for group in scene.spheres)])[:-1],
         random=random,
         color=color,
         index=index,
@@ -138,14 +138,14 @@ def make_site_tables(
 
 
 def _gather_properties(scene: Scene) -> dict[str, Floats]:
-    """By name, (i + g, 4) the properties of instances, then of groups of spheres."""
-    count, groups = scene.instance_count, len(scene.spheres)
+    """By name, (i + g, 4) the properties of instances, then of groups."""
+    count, groups = scene.instance_count, len(scene.groups)
     of_instances = scene.instances.properties if scene.instances is not None else {}
-    names = set(of_instances).union(*(group.properties for group in scene.spheres))
+    names = set(of_instances).union(*(group.properties for group in scene.groups))
     tables = {name: np.zeros((count + groups, 4)) for name in sorted(names)}
     for name, table in tables.items():
         table[:count] = of_instances.get(name, 0.0)
-        for row, group in enumerate(scene.spheres, count):
+        for row, group in enumerate(scene.groups, count):
             table[row] = group.properties.get(name, 0.0)
     return tables
 

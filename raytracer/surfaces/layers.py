@@ -53,10 +53,10 @@ def make_layer_table(scene: Scene) -> LayerTable | None:
 
 
 def _gather_flags(scene: Scene, name: str) -> NDArray[np.int64]:
-    """Return a property of all instances and groups of spheres as 0 or 1."""
+    """Return a property of all instances and groups as 0 or 1."""
     flags = None if scene.instances is None else getattr(scene.instances, name)
     placed = np.zeros(scene.instance_count, np.int64) if flags is None else flags.astype(np.int64)
-    return np.concatenate([placed, np.array([getattr(group, name) for group in scene.spheres], dtype=np.int64)])
+    return np.concatenate([placed, np.array([getattr(group, name) for group in scene.groups], dtype=np.int64)])
 
 
 def classify_material(material: Material) -> int:

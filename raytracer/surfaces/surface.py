@@ -25,6 +25,7 @@ from raytracer.casting.order import STOPPING, Departure, no_departure
 from raytracer.casting.rays import Hits, Rays, select_rows
 from raytracer.lecture import dot, length, point_on_line
 from raytracer.predicates.rounding import gamma
+from raytracer.surfaces.curve_points import CurvePoints, describe_strands, find_curve_points
 from raytracer.surfaces.places import LEFT_BEHIND, find_layers, turn_layers
 from raytracer.surfaces.surface_tables import (
     CASTER_ERROR,
@@ -50,10 +51,12 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
     matrix as in Blender, so that mirroring an instance does not turn its front to its back.
     """
     is_triangle = tables.geometry.belongs_to_kind(hits.instance, Kind.TRIANGLE)
+    strands = None
     if is_triangle.all():
         position, error, normal, shading = _triangle_surface(tables, hits)
     else:
-        position, error, normal, shading = _mixed_surface(tables, rays, hits, is_triangle)
+        strands = find_curve_points(tables.geometry, rays, hits)
+        position, error, normal, shading = _mixed_surface(tables, rays, hits, is_triangle, strands)
     outgoing = -normalize(lay_columns(rays.directions))
     layer = _find_tied_layers(tables, hits)
     material = tables.material[
@@ -63,7 +66,7 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
         position=position,
         position_error=error * tables.roundoff,
         geometric_normal=normal,
-        shading_normal=normal if tables.normals is None else shading,
+        shading_normal=normal if tables.normals is None and strands is None else shading,
         outgoing=outgoing,
         front=dot(normal, outgoing) >= 0,
         material=material,
@@ -73,6 +76,7 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
         barycentric=hits.barycentric if tables.with_barycentric else None,
         layer=layer,
         approach=None if layer is None else _find_approach(rays, hits, outgoing),
+        **({} if tables.geometry.strands is None else describe_strands(strands, hits)),
     )
 
 
@@ -102,14 +106,19 @@ def _triangle_surface(tables: SurfaceTables, hits: Hits) -> tuple[Floats, Floats
 
 
 def _mixed_surface(
-    tables: SurfaceTables, rays: Rays, hits: Hits, is_triangle: NDArray[np.bool_]
+    tables: SurfaceTables, rays: Rays, hits: Hits, is_triangle: NDArray[np.bool_], strands: CurvePoints | None
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return what `_triangle_surface` does where some of the hits, or all, are spheres."""
+    """Return what `_triangle_surface` does where some of the hits, or all, are spheres or curves."""
     position, normal, shading = (make_zeros(len(hits)) for _ in range(3))
     error = np.empty(len(hits))
     flat, round_ = np.flatnonzero(is_triangle), np.flatnonzero(~is_triangle)
     if len(flat):
         position[flat], error[flat], normal[flat], shading[flat] = _triangle_surface(tables, hits.select(flat))
+    if strands is not None:
+        rows = strands.rows
+        position[rows], error[rows], normal[rows] = strands.position, strands.error, strands.geometric_normal
+        shading[rows] = strands.shading_normal
+        round_ = np.flatnonzero(tables.geometry.belongs_to_kind(hits.instance, Kind.SPHERE))
     at = point_on_line(rays.origins[round_], rays.directions[round_], hits.distance[round_])
     position[round_], error[round_], normal[round_] = _sphere_points(tables, hits, round_, at)
     shading[round_] = normal[round_]
@@ -299,6 +308,10 @@ class Surface:
         where all lie alone
     approach : (n, 3) float64, unit, towards where the path came from to the place of the surface, which may have met
         others there; None where `layer` is
+    tangent : (n, 3) float64, metres, along the strand where a curve is hit, the derivative by `along`; 0 elsewhere;
+        None in scenes without curves, as the following ones
+    along : (n,) float64, where along its segment a curve is hit, 0 to 1; 0 elsewhere
+    across : (n,) float64, where across a ribbon, -1 to 1, positive on the side of tangent x outgoing; NaN elsewhere
     """
 
     position: Vectors
@@ -314,6 +327,9 @@ class Surface:
     barycentric: Pairs | None = None
     layer: NDArray[np.int64] | None = None
     approach: Vectors | None = None
+    tangent: Vectors | None = None
+    along: Numbers | None = None
+    across: Numbers | None = None
 
     def __len__(self) -> int:
         return len(self.position)

@@ -14,8 +14,9 @@ from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import Geometry, split_id, world_corners
 from raytracer.lecture import cross, dot, length
 from raytracer.predicates.rounding import gamma
+from raytracer.scene.curves import Curves
 from raytracer.scene.scene import Scene
-from raytracer.scene.shapes import Mesh
+from raytracer.scene.shapes import Mesh, Spheres
 from raytracer.surfaces.layers import LayerTable, make_layer_table
 
 # alpha = 1 - beta - gamma, three products and two sums: 7 roundings at most, in each coordinate.
@@ -102,10 +103,10 @@ def make_surface_tables(
     """
     instance_meshes = [scene.meshes[mesh] for mesh in geometry.instance_mesh]
     mesh_material = [np.atleast_1d(np.asarray(mesh.material, dtype=np.int32)) for mesh in scene.meshes]
-    group_material = [np.atleast_1d(np.asarray(group.material, dtype=np.int32)) for group in scene.spheres]
+    group_material = [np.atleast_1d(_list_materials(group)) for group in scene.groups]
     mesh_first = _first_entries([len(entries) for entries in mesh_material])
     group_first = _first_entries([len(entries) for entries in group_material]) + sum(map(len, mesh_material))
-    records = [*instance_meshes, *scene.spheres]
+    records = [*instance_meshes, *scene.groups]
     normal_from_object = _cofactors(geometry.world_from_object[:, :3, :3])
     mirrored = dot(geometry.world_from_object[:, 0, :3], normal_from_object[:, 0]) < 0
     return SurfaceTables(
@@ -123,6 +124,14 @@ def make_surface_tables(
         roundoff=roundoff,
         layers=make_layer_table(scene),
     )
+
+
+def _list_materials(group: Spheres | Curves) -> Integers:
+    """Return the material indices of a group's primitives, or of all; a strand's is that of each of its segments."""
+    material = np.asarray(group.material, dtype=np.int32)
+    if isinstance(group, Curves) and material.ndim:
+        return np.repeat(material, np.diff(group.strands) - 1)
+    return material
 
 
 def _first_entries(counts: list[int]) -> NDArray[np.int64]:

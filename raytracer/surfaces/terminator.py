@@ -63,13 +63,13 @@ def make_terminator(scene: Scene) -> Terminator | None:
     instances = scene.instances
     if instances is None or (instances.terminator_geometry is None and instances.terminator_shading is None):
         return None
-    spheres = np.zeros(len(scene.spheres))
+    groups = np.zeros(len(scene.groups))
     zeros = np.zeros(len(instances))
     geometry, shading = (
         zeros if values is None else values for values in (instances.terminator_geometry, instances.terminator_shading)
     )
-    frequency = 1.0 / (1.0 - 0.5 * np.concatenate([shading, spheres])) if shading.any() else None
-    return Terminator(np.concatenate([geometry, spheres]), frequency)
+    frequency = 1.0 / (1.0 - 0.5 * np.concatenate([shading, groups])) if shading.any() else None
+    return Terminator(np.concatenate([geometry, groups]), frequency)
 
 
 def lift_points(

@@ -12,7 +12,7 @@ from raytracer.casting.bvh.clustering import Bounds
 from raytracer.casting.bvh.instances import BLOCK, MeshTree, PlacedTrees, can_be_placed, place_trees
 from raytracer.casting.bvh.tree import Frame, make_frame, to_bounds
 from raytracer.casting.bvh.tree_table import NO_BOUNDS, NO_CORNERS, JoinedTree, Name, Table, TreeInput
-from raytracer.casting.geometry import Geometry, list_meshes
+from raytracer.casting.geometry import Geometry, Kind, list_meshes
 from raytracer.casting.primitives import Primitives, extremes, instance_bounds
 
 # Copies of triangles that flattening may add in all (72 bytes each, plus their share of a tree).
@@ -135,7 +135,7 @@ def _build_flattened(table: Table, primitives: Primitives, frame: Frame, sphere_
         name = ("instance", int(instance))
         roots[name] = table.append(name, TreeInput(frame, primitives.corners[rows], NO_BOUNDS), ids)
     ids = np.flatnonzero(np.repeat(primitives.flattened, count))[rest]
-    ids = np.concatenate([ids, np.arange(geometry.sphere_id, geometry.first_id[-1])])
+    ids = np.concatenate([ids, np.arange(*geometry.kind_range(Kind.SPHERE))])
     if len(ids):
         corners = primitives.corners if rest.all() else primitives.corners[rest]
         roots["rest", 0] = table.append(("rest", 0), TreeInput(frame, corners, sphere_bounds), ids)
