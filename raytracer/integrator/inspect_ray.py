@@ -202,6 +202,8 @@ def describe_hit(caster: Caster, rays: Rays, hits: Hits, surface: Surface, shadi
         weights = np.array([1.0 - beta - gamma, beta, gamma])
         region = Region(int(classify_barycentric(weights, measure_tolerance(surface, a, b, c))))
         lecture_distance = float(intersect_triangle(origin, direction, a, b, c).t)
+    elif geometry.belongs_to_kind(hits.instance, Kind.CURVE)[0]:
+        lecture_distance = np.nan  # the lecture has no curves
     else:
         number = geometry.find_rows(join_id(geometry, hits.instance, hits.primitive), Kind.SPHERE)[0]
         roots = intersect_sphere(origin, direction, geometry.centres[number], geometry.radii[number])

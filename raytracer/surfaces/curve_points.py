@@ -5,7 +5,9 @@ side v = 1, and a ribbon has the normals of a round strand (Cycles' Rounded Ribb
 
     position P + v r b,    shading normal v b + sqrt(1 - v^2) (-D + (T . D) T) / |...|,    geometric normal -D.
 
-On a round strand the point q of the ray gives the normal (q - P) / |q - P| and the position P + r times that.
+On a round strand the point q of the ray gives the shading normal n = (q - P) / |q - P| and the position P + r n. The
+geometric normal is that of the surface, n (|P'|^2 - r n . P'') - r' P', where Cycles takes n: rays that leave a tapered
+strand to one side of it then stay there.
 
 References
 ----------
@@ -15,11 +17,12 @@ Blender, intern/cycles/kernel/geom/curve_intersect.h: curve_shader_setup.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column
+from raytracer.arrays.rows import any_column, take_rows
 from raytracer.arrays.types import Floats, Numbers, Vectors
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.curves.ray_space import POSITION_ERROR
@@ -74,14 +77,15 @@ def _make_points(geometry: Geometry, strands: Strands, where: NDArray[np.intp], 
     """Return the surface at hits, all of them of curves."""
     segment = geometry.find_rows(join_id(geometry, hits.instance, hits.primitive), Kind.CURVE)
     keys = strands.keys.take(strands.rows.take(segment, axis=0), axis=0)  # (k, 4 keys, 4)
-    centre, tangent, radius = _evaluate(keys, hits.barycentric[:, 0])
+    spline = _evaluate(keys, hits.barycentric[:, 0])
+    centre, tangent, radius = spline.centre, spline.tangent, spline.radius
     backward = -normalize(rays.directions)
     thick, across = strands.thick[segment], hits.barycentric[:, 1]
     points = _ribbon_points(centre, tangent, radius, across, backward)
     rows = np.flatnonzero(thick)
     if len(rows):
         at = point_on_line(rays.origins[rows], rays.directions[rows], hits.distance[rows])
-        points.put(rows, _round_points(centre[rows], radius[rows], at, backward[rows]))
+        points.put(rows, _round_points(spline.select(rows), at, backward[rows]))
     # What is computed of a ray that starts here depends on the segment's size.
     size = length(np.ptp(keys[:, :, :3], axis=1)) + radius
     error = SPLINE_ERROR * (length(np.abs(keys[:, :, :3]).max(axis=1)) + radius) + 4.0 * POSITION_ERROR * size
@@ -102,14 +106,29 @@ class _Points:
             getattr(self, item.name)[rows] = getattr(other, item.name)
 
 
-def _evaluate(keys: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return P (n, 3), P' (n, 3) and r (n,) of segments at u."""
+class _Spline(NamedTuple):
+    """P, P' and P'' (n, 3), r and r' (n,) of segments at u."""
+
+    centre: Floats
+    tangent: Floats
+    bend: Floats
+    radius: Floats
+    growth: Floats
+
+    def select(self, rows: NDArray[np.intp]) -> _Spline:
+        return _Spline(*(take_rows(part, rows) for part in self))
+
+
+def _evaluate(keys: Floats, u: Floats) -> _Spline:
+    """Return what segments of keys (n, 4 keys, 4) are at u (n,)."""
     bezier = find_bezier(np.ascontiguousarray(keys.transpose(2, 1, 0)))
     b0, b1, b2, b3 = bezier.transpose(1, 0, 2)  # (4, n) each
     s = 1.0 - u
     values = ((b0 * s + 3.0 * u * b1) * s + (3.0 * u * u) * b2) * s + (u * u * u) * b3
     slopes = 3.0 * (((b1 - b0) * s + 2.0 * u * (b2 - b1)) * s + (u * u) * (b3 - b2))
-    return values[:3].T.copy(), slopes[:3].T.copy(), np.maximum(values[3], 0.0)
+    bends = 6.0 * ((b2 - 2.0 * b1 + b0) * s + (b3 - 2.0 * b2 + b1) * u)
+    centre, tangent, bend = (part[:3].T.copy() for part in (values, slopes, bends))
+    return _Spline(centre, tangent, bend, np.maximum(values[3], 0.0), slopes[3])
 
 
 def _ribbon_points(centre: Floats, tangent: Floats, radius: Floats, across: Floats, backward: Floats) -> _Points:
@@ -122,7 +141,10 @@ def _ribbon_points(centre: Floats, tangent: Floats, radius: Floats, across: Floa
     return _Points(centre + (across * radius)[:, np.newaxis] * side, backward.copy(), shading)
 
 
-def _round_points(centre: Floats, radius: Floats, at: Floats, backward: Floats) -> _Points:
-    normal = normalize(at - centre)
+def _round_points(spline: _Spline, at: Floats, backward: Floats) -> _Points:
+    normal = normalize(at - spline.centre)
     normal = np.where(any_column(normal != 0)[:, np.newaxis], normal, backward)
-    return _Points(centre + radius[:, np.newaxis] * normal, normal, normal)
+    width = dot(spline.tangent, spline.tangent) - spline.radius * dot(normal, spline.bend)
+    geometric = normalize(width[:, np.newaxis] * normal - spline.growth[:, np.newaxis] * spline.tangent)
+    geometric = np.where(any_column(geometric != 0)[:, np.newaxis], geometric, normal)
+    return _Points(spline.centre + spline.radius[:, np.newaxis] * normal, geometric, normal)

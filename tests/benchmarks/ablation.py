@@ -57,6 +57,14 @@ def make_scene(closure=GREY, normals=False, lamp=None, spheres=False, **fields):
     )
 
 
+def make_fur():
+    """Return strands that stand on the floor."""
+    rng = np.random.default_rng(1)
+    steps = rng.normal(size=(2000, 6, 3)) * 0.05 + (0, 0, 0.3)
+    steps[:, 0] = rng.uniform((-7, -7, 0), (7, 7, 0), (2000, 3))
+    return raytracer.Curves(np.cumsum(steps, axis=1).reshape(-1, 3), np.full(12000, 0.02), 6 * np.arange(2001))
+
+
 # Feature: (the scene with it, settings, module and function of its stage).
 FEATURES = {
     "soft light": (
@@ -108,6 +116,7 @@ FEATURES = {
     ),
     "smooth normals": (lambda: make_scene(normals=True), {}, ("surface_tables.py", "gather_corners")),
     "spheres": (lambda: make_scene(spheres=True), {}, ("surface.py", "_sphere_points")),
+    "curves": (lambda: make_scene(curves=make_fur()), {}, ("roots.py", "refine_roots")),
     "passes from the centre": (
         make_scene,
         {"passes": ("Combined", "Depth", "Position", "Object Index")},

@@ -76,6 +76,20 @@ def trim(part: Polynomial) -> Polynomial:
 
 
 def make_sturm_chain(part: Polynomial) -> list[Polynomial]:
+    """Return the chain of a polynomial without its multiple roots, each of which it keeps once."""
+    chain = _make_chain(part)
+    if len(chain[-1]) > 1:
+        quotient, dividend = [], list(chain[0])
+        while len(dividend) >= len(chain[-1]):
+            quotient.append(dividend[-1] / chain[-1][-1])
+            for k in range(1, len(chain[-1]) + 1):
+                dividend[-k] -= quotient[-1] * chain[-1][-k]
+            dividend = dividend[:-1]
+        chain = _make_chain(quotient[::-1])
+    return chain
+
+
+def _make_chain(part: Polynomial) -> list[Polynomial]:
     chain = [trim(part), trim(differentiate(part))]
     while chain[-1]:
         dividend, divisor = list(chain[-2]), chain[-1]
@@ -96,10 +110,12 @@ def count_changes(chain: list[Polynomial], u: Fraction) -> int:
 
 
 def find_roots(part: Polynomial) -> list[Fraction]:
-    """Return the different roots in (0, 1], each to WIDTH; none of a polynomial that is 0."""
+    """Return the different roots in [0, 1], each to WIDTH; none of a polynomial that is 0."""
     if not trim(part):
         return []
-    chain, roots = make_sturm_chain(part), []
+    roots = [Fraction(0)] if part[0] == 0 else []
+    chain = make_sturm_chain(part)
+    part = chain[0]
     waiting = [(Fraction(0), Fraction(1))]
     while waiting:
         low, high = waiting.pop()
@@ -176,10 +192,12 @@ def take_root(value: Fraction) -> Fraction:
 
 
 def _faces_outward(t: Fraction, u: Fraction, o: Vector, d: list[Polynomial], curve: list[Polynomial]) -> bool:
-    """Return whether d . N <= 0 for N = R |P'|^2 / r - r' P'."""
+    """Return whether d . N <= 0 for N = R (|P'|^2 - R . P'') / r - r' P', at right angles to the surface P + R that
+    R . P' = 0 and |R| = r make."""
     r, slope_r = evaluate(curve[3], u), evaluate(differentiate(curve[3]), u)
     slope = [evaluate(differentiate(part), u) for part in curve[:3]]
     offset = [a + t * b[0] - evaluate(part, u) for a, b, part in zip(o, d, curve, strict=False)]
-    square = sum(x * x for x in slope)
-    normal = [x * square / r - slope_r * y for x, y in zip(offset, slope, strict=True)]
+    bend = [evaluate(differentiate(differentiate(part)), u) for part in curve[:3]]
+    width = sum(x * x for x in slope) - sum(x * y for x, y in zip(offset, bend, strict=True))
+    normal = [x * width / r - slope_r * y for x, y in zip(offset, slope, strict=True)]
     return sum(x * y[0] for x, y in zip(normal, d, strict=True)) <= 0

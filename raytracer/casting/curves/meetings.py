@@ -2,14 +2,14 @@
 
 A root counts where the ray passes within the radius; on ribbons, if it is more than CLEARANCE radii away from the ray's
 origin, so that rays that leave a ribbon do not meet it again, turned towards them; on round segments, if the ray comes
-from outside. The outward normal there is N = R |P'|^2 / r - r' P' with R from the centre line to the point:
+from outside. With R from the centre line to the point, the outward normal is N = R (|P'|^2 - R . P'') / r - r' P':
 
-    d . N <= 0   where   s h |P'|^2 <= r z' r'.
+    d . N <= 0   where   s h (|P'|^2 + x x'' + y y'' - s h z'') <= r z' r'.
 
 References
 ----------
-Blender, intern/cycles/kernel/geom/curve_intersect.h: ribbon_intersect (the clearance), curve_intersect_iterative (the
-normal, and that only its side is seen).
+Blender, intern/cycles/kernel/geom/curve_intersect.h: ribbon_intersect (the clearance), curve_intersect_iterative (that
+only the outside is seen; its normal leaves out P'').
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
-from raytracer.casting.curves.ray_space import POSITION_ERROR, Points, SeenSegments, evaluate
+from raytracer.casting.curves.ray_space import POSITION_ERROR, Points, SeenSegments, evaluate, find_bends
 from raytracer.casting.curves.roots import find_slopes, find_values, isolate_roots, refine_roots
 from raytracer.predicates.rounding import UNIT_ROUNDOFF, gamma
 
@@ -50,15 +50,17 @@ def find_meetings(seen: SeenSegments) -> Meetings:
     points = evaluate(found, u)
     depth = points.z + brackets.side * points.height
     counts = points.square <= points.radius * points.radius
-    counts &= np.where(found.thick, _face_outward(points, brackets.side), depth > CLEARANCE * points.radius)
+    counts &= np.where(found.thick, _face_outward(found, points, u, brackets.side), depth > CLEARANCE * points.radius)
     rows = np.flatnonzero(counts)
     return Meetings(brackets.segment[rows], u[rows], brackets.side[rows], depth[rows])
 
 
-def _face_outward(points: Points, side: Floats) -> Booleans:
+def _face_outward(seen: SeenSegments, points: Points, u: Floats, side: Floats) -> Booleans:
     """Return (m,) True where rays come from outside of round segments."""
-    square = points.slope_x**2 + points.slope_y**2 + points.slope_z**2
-    return side * points.height * square <= points.radius * points.slope_z * points.slope_radius
+    x, y, z = find_bends(seen, u)
+    lift = side * points.height
+    width = points.slope_x**2 + points.slope_y**2 + points.slope_z**2 + points.x * x + points.y * y - lift * z
+    return lift * width <= points.radius * points.slope_z * points.slope_radius
 
 
 def find_offsets(points: Points) -> Floats:

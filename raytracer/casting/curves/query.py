@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays.rows import largest_column
 from raytracer.arrays.types import Floats, Indices
 from raytracer.casting.bvh.hierarchy import Hierarchy
 from raytracer.casting.bvh.stacks import Pairs
@@ -46,7 +47,9 @@ class CurveQuery(Query):
     ) -> None:
         super().__init__(primitives, rays, any_hit)
         self.strands = strands
-        self.size = length(rays.directions)
+        largest = largest_column(np.abs(rays.directions))
+        # Squares of the shortest directions would vanish.
+        self.size = largest * length(rays.directions / largest[:, np.newaxis])
         self.axes = make_axes(rays.directions)
         self.last_t, self.last_segment = last_t, last_segment
         self.best_u, self.best_side = np.zeros((2, len(rays)))

@@ -159,6 +159,13 @@ def evaluate(seen: SeenSegments, u: Floats) -> Points:
     return Points(x, y, z, radius, slope_x, slope_y, slope_z, slope_radius, foot, height)
 
 
+def find_bends(seen: SeenSegments, u: Floats) -> Floats:
+    """Return the second derivatives of x, y and z by u, (3, k), of segments at u (k,)."""
+    d0, d1, d2 = seen.slopes[:3].transpose(1, 0, 2)
+    bends: Floats = 2.0 * ((d1 - d0) * (1.0 - u) + (d2 - d1) * u)
+    return bends
+
+
 def measure_ends(seen: SeenSegments) -> tuple[Floats, Floats]:
     """Return g and z' sqrt(r^2 - X^2) at both ends, (2, k) each, from what the neighbors share."""
     x, y, _, radius = seen.bezier[:, [0, 3]]

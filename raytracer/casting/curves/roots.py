@@ -20,6 +20,7 @@ from raytracer.casting.curves.ray_space import (
     Points,
     SeenSegments,
     evaluate,
+    find_bends,
     find_foot_polynomials,
     find_tube_polynomials,
     measure_ends,
@@ -128,9 +129,10 @@ def _isolate_tubes(seen: SeenSegments, number: NDArray[np.intp]) -> list[Bracket
     for level in range(LEVELS + 1):
         changes = work.count_changes()
         near, far = work.near[0] != work.near[1], work.far[0] != work.far[1]
-        # Outside the radius both equations are g = 0, whose roots are none of F.
+        # Outside the radius both equations are g = 0, whose roots are none of F: divided until they lie apart. A double
+        # root of F, as of rays at right angles to the strand, may show no change of sign.
         within = (work.outside <= 0).all(axis=0)
-        nothing = (work.outside > 0).all(axis=0) | (~within & (changes == 0))
+        nothing = (work.outside > 0).all(axis=0) | ((changes == 0) & ~near & ~far)
         done = within & (changes <= near.astype(np.intp) + far) | (level == LEVELS)
         for side, differ, ends in ((-1.0, near, work.near), (1.0, far, work.far)):
             found = np.flatnonzero(done & ~nothing & differ)
@@ -151,8 +153,7 @@ def find_values(points: Points, side: Floats) -> Floats:
 
 def find_slopes(seen: SeenSegments, points: Points, u: Floats, side: Floats) -> Floats:
     """Return the derivative of g - s z' h by u, with h' = (r r' - g) / h, which is left out where h is 0."""
-    d0, d1, d2 = seen.slopes[:3].transpose(1, 0, 2)
-    x, y, z = 2.0 * ((d1 - d0) * (1.0 - u) + (d2 - d1) * u)  # second derivatives
+    x, y, z = find_bends(seen, u)
     slope = points.slope_x**2 + points.slope_y**2 + points.x * x + points.y * y
     grows = np.divide(
         points.radius * points.slope_radius - points.foot, points.height, out=np.zeros(len(u)), where=points.height > 0
@@ -170,7 +171,8 @@ def refine_roots(seen: SeenSegments, brackets: Brackets) -> Floats:
     _, low, high, negative, side = brackets
     first, last = (find_values(evaluate(seen, u), side) for u in (low, high))
     share = first / (first - last)
-    root = low + np.where((share >= 0) & (share <= 1), share, 0.5) * (high - low)
+    # Within the interval: where points coincide, its ends may be roots too.
+    root = low + np.where((share > 0) & (share < 1), share, 0.5) * (high - low)
     active, u, longest = np.arange(len(root)), root, high - low
     for _ in range(STEPS):
         points = evaluate(seen, u)
@@ -179,7 +181,8 @@ def refine_roots(seen: SeenSegments, brackets: Brackets) -> Floats:
         low, high = np.where(below, u, low), np.where(below, high, u)
         step = -value / find_slopes(seen, points, u, side)
         following = u + step
-        kept = (following >= low) & (following <= high) & (np.abs(step) <= longest / 2.0)
+        kept = ((following > low) & (following < high)) | (following == u)
+        kept &= np.abs(step) <= longest / 2.0
         following = np.where(value == 0, u, np.where(kept, following, (low + high) / 2.0))
         longest = np.abs(following - u)
         root[active] = following
