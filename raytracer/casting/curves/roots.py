@@ -182,7 +182,7 @@ def refine_roots(seen: SeenSegments, brackets: Brackets) -> Floats:
         step = -value / find_slopes(seen, points, u, side)
         following = u + step
         kept = ((following > low) & (following < high)) | (following == u)
-        kept &= np.abs(step) <= longest / 2.0
+        kept &= np.abs(step) <= np.maximum(longest / 2.0, SMALLEST_STEP)
         following = np.where(value == 0, u, np.where(kept, following, (low + high) / 2.0))
         longest = np.abs(following - u)
         root[active] = following
