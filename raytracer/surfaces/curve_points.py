@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, take_rows
+from raytracer.arrays.rows import any_column, make_zeros, take_rows
 from raytracer.arrays.types import Floats, Numbers, Vectors
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.curves.ray_space import POSITION_ERROR
@@ -66,7 +66,7 @@ def find_curve_points(geometry: Geometry, rays: Rays, hits: Hits) -> CurvePoints
 def describe_strands(points: CurvePoints | None, hits: Hits) -> dict[str, Floats]:
     """Return the fields of a Surface that tell of curves: tangent, along and across, of n hits."""
     count = len(hits)
-    tangent, along, across = np.zeros((count, 3)), np.zeros(count), np.full(count, np.nan)
+    tangent, along, across = make_zeros(count), np.zeros(count), np.full(count, np.nan)
     if points is not None:
         rows = points.rows
         tangent[rows], along[rows], across[rows] = points.tangent, hits.barycentric[rows, 0], points.across
