@@ -1,8 +1,8 @@
 """The BSDF of a point: the mixture of all its lobes, evaluated, sampled and weighed.
 
-A point's lobes are its passage (transparency), its microfacet lobes, and, where diffuse reflection is followed, its
-Lambertian parts; one is chosen at random, in proportion to the light it sends on. The direct-light integrator leaves
-out the last, and takes the light of diffuse surfaces by sampling lights alone.
+A point's lobes are its passage (transparency), its microfacet lobes and those of hair, and, where diffuse reflection is
+followed, its Lambertian parts; one is chosen at random, in proportion to the light it sends on. The direct-light
+integrator leaves out the last, and takes the light of diffuse surfaces by sampling lights alone.
 
 References
 ----------
@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import any_column, make_zeros, mean_column, shorten_rows, sum_columns, take_rows
-from raytracer.arrays.types import Booleans, Colors, Floats, Kinds, Numbers, Vectors
+from raytracer.arrays.types import Booleans, Colors, Floats, Indices, Kinds, Numbers, Vectors
 from raytracer.arrays.vectors import to_world
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
-from raytracer.bsdfs.closures import Shading, TiltedDiffuse
+from raytracer.bsdfs.closures import Lobes, Shading, TiltedDiffuse
+from raytracer.bsdfs.hair import HairLobes
 from raytracer.bsdfs.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
 from raytracer.lecture import dot
 from raytracer.sampling.warps import sample_cosine_hemisphere
@@ -95,17 +96,26 @@ def evaluate_lobes(
     """
     specular, density = make_zeros(len(shading)), np.zeros(len(shading))
     for column, lobes in enumerate(shading.lobes, start=1):
-        lobes = _select_facing(shading, lobes, incoming)
+        if isinstance(lobes, Microfacets):
+            lobes = _select_facing(shading, lobes, incoming)
         rows = shorten_rows(lobes.hit, len(shading))
-        value, lobe_density = evaluate_microfacets(
-            lobes, *(take_rows(vectors, rows) for vectors in (shading.outgoing, incoming, shading.geometric_normal))
-        )
+        value, lobe_density = _evaluate(shading, lobes, incoming, rows)
         if part is not None:
             reflects = dot(lobes.normal, take_rows(incoming, rows)) > 0
             value = value * (reflects & (part == "glossy"))[:, np.newaxis]
         specular[rows] += value
         density[rows] += probabilities[rows, column] * lobe_density
     return specular, density
+
+
+def _evaluate(shading: Shading, lobes: Lobes, incoming: Floats, rows: Indices | slice) -> tuple[Floats, Floats]:
+    """Return f |cos| (m, 3) and the density (m,) of some of the lobes, which are at some `rows`, for light from
+    `incoming` (n, 3)."""
+    vectors = (shading.outgoing, incoming, shading.geometric_normal)
+    outgoing, incoming, geometric_normal = (take_rows(values, rows) for values in vectors)
+    if isinstance(lobes, HairLobes):
+        return lobes.evaluate(outgoing, incoming)
+    return evaluate_microfacets(lobes, outgoing, incoming, geometric_normal)
 
 
 def evaluate_diffuse(shading: Shading, incoming: Floats) -> Floats:
@@ -226,13 +236,17 @@ def _sample_lobes(
     sample: BsdfSample,
     spread: Booleans,
     shading: Shading,
-    lobes: Microfacets,
+    lobes: Lobes,
     probability: Floats,
     rest: Floats,
     pair: Floats,
 ) -> None:
     """Fill in the directions of the points that take a lobe, and mark those (`spread`) that wait for their weights."""
     rows = lobes.hit
+    if isinstance(lobes, HairLobes):
+        strands = lobes.sample(take_rows(shading.outgoing, rows), rest[rows], take_rows(pair, rows))
+        sample.direction[rows], spread[rows], sample.kind[rows] = strands.direction, strands.valid, strands.kind
+        return
     outgoing, normal = take_rows(shading.outgoing, rows), take_rows(shading.geometric_normal, rows)
     taken = sample_microfacets(lobes, outgoing, normal, rest[rows], take_rows(pair, rows))
     sample.direction[rows] = taken.direction

@@ -1,7 +1,7 @@
 """Blender's shader nodes as sums of parts.
 
 Each function takes closures of one kind, one per hit, and turns them into what they are made of: it adds to the diffuse
-parts of the hits and returns microfacet lobes; `SCATTERING` lists them.
+parts of the hits and returns lobes, of microfacets or of hair; `SCATTERING` lists them.
 
 To add a shader that scatters: give its kind a name in `scene/materials.py` (CLOSURE_KINDS, and what parameters it
 lacks), write one function here with one row of SCATTERING, say in `integrator/features.py` whether it is diffuse or
@@ -14,14 +14,14 @@ Blender, intern/cycles/kernel/svm/closure.h: what the nodes are made of.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from raytracer.arrays.rows import repeat_column
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import reflect
-from raytracer.bsdfs.closures import Closures, Points
+from raytracer.bsdfs.closures import Closures, Lobes, Points
 from raytracer.bsdfs.diffuse import Toon, Velvet, make_sheen
 from raytracer.bsdfs.fresnel import (
     CONDUCTOR,
@@ -34,11 +34,10 @@ from raytracer.bsdfs.fresnel import (
     metal_slope,
     normal_reflectance,
 )
+from raytracer.bsdfs.hair_closures import add_hair, add_hair_reflection, add_hair_transmission
 from raytracer.bsdfs.lobes import Facets, make_lobes, read_film, read_grain, split_distributions, stretch_grain
 from raytracer.bsdfs.microfacet import Microfacets
 from raytracer.bsdfs.principled import add_matte, add_principled
-
-Lobes = list[Microfacets]
 
 
 def _colors(closures: Closures) -> Floats:
@@ -46,49 +45,49 @@ def _colors(closures: Closures) -> Floats:
     return closures.weight[:, np.newaxis] * closures.color
 
 
-def _add_diffuse(closures: Closures, points: Points) -> Lobes:
+def _add_diffuse(closures: Closures, points: Points) -> list[Microfacets]:
     color = closures.color
     add_matte(closures, points, closures.weight[:, np.newaxis] * color, color)
     return []
 
 
-def _add_translucent(closures: Closures, points: Points) -> Lobes:
+def _add_translucent(closures: Closures, points: Points) -> list[Microfacets]:
     """Lambertian on the far side."""
     points.add_part(-points.specular_normal()[0], _colors(closures), transmits=True)
     return []
 
 
-def _add_subsurface(closures: Closures, points: Points) -> Lobes:
+def _add_subsurface(closures: Closures, points: Points) -> list[Microfacets]:
     color = closures.color
     points.add_subsurface(closures, _colors(closures), color, closures.subsurface_ior, closures.roughness)
     return []
 
 
-def _add_sheen(closures: Closures, points: Points) -> Lobes:
+def _add_sheen(closures: Closures, points: Points) -> list[Microfacets]:
     shape, albedo = make_sheen(points.normal, points.outgoing, closures.roughness)
     points.add_part(points.normal, _colors(closures) * albedo[:, np.newaxis], shape)
     return []
 
 
-def _add_velvet(closures: Closures, points: Points) -> Lobes:
+def _add_velvet(closures: Closures, points: Points) -> list[Microfacets]:
     points.add_part(points.normal, _colors(closures), Velvet(points.normal, points.outgoing, closures.roughness))
     return []
 
 
-def _add_toon(closures: Closures, points: Points) -> Lobes:
+def _add_toon(closures: Closures, points: Points) -> list[Microfacets]:
     shape = Toon(points.normal, points.normal, closures.size, closures.smooth)
     points.add_part(points.normal, _colors(closures), shape)
     return []
 
 
-def _add_glossy_toon(closures: Closures, points: Points) -> Lobes:
+def _add_glossy_toon(closures: Closures, points: Points) -> list[Microfacets]:
     """Toon around the mirror direction; sampled as a diffuse part."""
     axis = reflect(points.outgoing, points.normal)
     points.add_part(points.normal, _colors(closures), Toon(points.normal, axis, closures.size, closures.smooth))
     return []
 
 
-def _add_glossy(closures: Closures, points: Points) -> Lobes:
+def _add_glossy(closures: Closures, points: Points) -> list[Microfacets]:
     """Facets that reflect the color whatever the angle."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
@@ -99,7 +98,7 @@ def _add_glossy(closures: Closures, points: Points) -> Lobes:
     return lobes
 
 
-def _add_metal(closures: Closures, points: Points) -> Lobes:
+def _add_metal(closures: Closures, points: Points) -> list[Microfacets]:
     """Reflectance from the color at normal incidence to white at the border, tinted at 82 degrees."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
@@ -109,7 +108,7 @@ def _add_metal(closures: Closures, points: Points) -> Lobes:
     return lobes
 
 
-def _add_conductor(closures: Closures, points: Points) -> Lobes:
+def _add_conductor(closures: Closures, points: Points) -> list[Microfacets]:
     """Fresnel's reflectance of a complex index; further bounces by the metal that fits it at 0 and 82 degrees."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
@@ -130,7 +129,7 @@ def _reflect_metal(
     return make_lobes(closures, points, weight, white[:, 0], facets, grain, mean_color=mean)
 
 
-def _add_glass(closures: Closures, points: Points) -> Lobes:
+def _add_glass(closures: Closures, points: Points) -> list[Microfacets]:
     """Reflection and refraction with the color on both, as Fresnel's formulas share them out."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
@@ -142,7 +141,7 @@ def _add_glass(closures: Closures, points: Points) -> Lobes:
     return lobes
 
 
-def _add_refraction(closures: Closures, points: Points) -> Lobes:
+def _add_refraction(closures: Closures, points: Points) -> list[Microfacets]:
     """Refraction of all the light, but for total reflection, without compensation for further bounces, as in Cycles."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
@@ -153,7 +152,7 @@ def _add_refraction(closures: Closures, points: Points) -> Lobes:
     return lobes
 
 
-SCATTERING: dict[str, Callable[[Closures, Points], Lobes]] = {
+SCATTERING: dict[str, Callable[[Closures, Points], Sequence[Lobes]]] = {
     "principled": add_principled,
     "diffuse": _add_diffuse,
     "glossy": _add_glossy,
@@ -167,4 +166,7 @@ SCATTERING: dict[str, Callable[[Closures, Points], Lobes]] = {
     "velvet": _add_velvet,
     "toon": _add_toon,
     "glossy_toon": _add_glossy_toon,
+    "hair": add_hair,
+    "hair_reflection": add_hair_reflection,
+    "hair_transmission": add_hair_transmission,
 }

@@ -1,7 +1,7 @@
 """What closures say of points, and what they are made of: diffuse albedo, Lambertian and other diffuse parts, lobes.
 
 Nodes (`closure_nodes`, `principled`) take Closures of one kind at Points, one closure per point, add to the Shading of
-the batch and return microfacet lobes. Radiance and transparency, which need no direction, are summed where the table of
+the batch and return lobes. Radiance and transparency, which need no direction, are summed where the table of
 materials is made (`materials`).
 """
 
@@ -19,6 +19,7 @@ from raytracer.arrays.rows import any_column, lay_columns, mean_column, shorten_
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.diffuse import DiffuseShape
+from raytracer.bsdfs.hair import HairLobes
 from raytracer.bsdfs.microfacet import Microfacets, tilt_to_reflect
 from raytracer.bsdfs.subsurface import Subsurface, split_radii
 from raytracer.lecture import dot
@@ -26,6 +27,8 @@ from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_VECTORS, Closure
 from raytracer.scene.programs import Register
 
 Rows = NDArray[np.int64]
+# What a column of lobes may be.
+Lobes = Microfacets | HairLobes
 
 # What a Closure says in numbers and colors; its kind decides on the function, its directions stand in `Points`.
 PARAMETERS = tuple(
@@ -116,7 +119,7 @@ class Shading:
     radiance : (n, 3) float64, that the surface shines with
     transparency : (n, 3) float64, share of light that passes straight through
     diffuse : (n, 3) float64, albedo of the Lambertian part, f = diffuse / pi
-    lobes : microfacet lobes, each for some of the points
+    lobes : microfacet lobes and those of hair, each for some of the points
     tilted : other diffuse parts
     frequency : (n,) float64, factor of the angle between diffuse parts' normals and light (`terminator`); None for 1
     holdout : (n,) float64, share of the surface that is a hole in the picture; None where no material has one
@@ -129,7 +132,7 @@ class Shading:
     radiance: Floats
     transparency: Floats
     diffuse: Floats
-    lobes: tuple[Microfacets, ...]
+    lobes: tuple[Lobes, ...]
     tilted: tuple[TiltedDiffuse, ...] = ()
     frequency: Floats | None = None
     holdout: Floats | None = None

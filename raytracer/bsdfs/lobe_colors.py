@@ -14,9 +14,10 @@ import numpy as np
 
 from raytracer.arrays.rows import any_column, take_rows
 from raytracer.arrays.types import Floats
-from raytracer.bsdfs.closures import Shading
+from raytracer.bsdfs.closures import Lobes, Shading
 from raytracer.bsdfs.fresnel import DIELECTRIC
-from raytracer.bsdfs.microfacet import Microfacets, evaluate_fresnel
+from raytracer.bsdfs.hair import HairLobes
+from raytracer.bsdfs.microfacet import evaluate_fresnel
 from raytracer.bsdfs.microfacet_albedo import read_schlick_share
 from raytracer.bsdfs.thin_film import THINNEST
 from raytracer.lecture import dot
@@ -38,8 +39,12 @@ def sum_lobe_colors(shading: Shading, all_tabulated: bool = False) -> tuple[Floa
     return reflected, transmitted
 
 
-def estimate_color(lobes: Microfacets, cosine: Floats, all_tabulated: bool = False) -> tuple[Floats, Floats]:
-    """Return reflectance and transmittance (m, 3) of lobes seen at `cosine` (m,) from their normals."""
+def estimate_color(lobes: Lobes, cosine: Floats, all_tabulated: bool = False) -> tuple[Floats, Floats]:
+    """Return reflectance and transmittance (m, 3) of lobes seen at `cosine` (m,) from their normals; hair that does
+    both is of its whole color in both, as in Cycles."""
+    if isinstance(lobes, HairLobes):
+        color = lobes.estimate_color()
+        return color * lobes.reflection, color * lobes.transmission
     reflectance, transmittance = evaluate_fresnel(lobes, cosine)
     is_tabulated = all_tabulated | (~lobes.is_perfect & ~any_column(lobes.transmission > 0))
     if lobes.film is not None:

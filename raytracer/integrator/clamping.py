@@ -18,9 +18,9 @@ import numpy as np
 
 from raytracer.arrays.rows import sum_columns
 from raytracer.arrays.types import Counts, Floats
-from raytracer.bsdfs.closures import Shading
+from raytracer.bsdfs.closures import Lobes, Shading
 from raytracer.bsdfs.distributions import Stretch
-from raytracer.bsdfs.microfacet import Microfacets
+from raytracer.bsdfs.hair import HairLobes
 from raytracer.integrator.settings import Settings
 
 # The limits are means of the three channels; sums are compared.
@@ -75,7 +75,9 @@ def blur_lobes(shading: Shading, rarest: Floats, filter_glossy: float) -> Shadin
     return dataclasses.replace(shading, lobes=tuple(_blur(lobes, least[lobes.hit]) for lobes in shading.lobes))
 
 
-def _blur(lobes: Microfacets, least: Floats) -> Microfacets:
+def _blur(lobes: Lobes, least: Floats) -> Lobes:
+    if isinstance(lobes, HairLobes):
+        return lobes.blur(least)
     alpha, stretch = np.maximum(lobes.alpha, least), lobes.stretch
     if stretch is not None:
         along, across = np.maximum(stretch.along, least), np.maximum(stretch.across, least)

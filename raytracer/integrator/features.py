@@ -14,13 +14,13 @@ import numpy as np
 
 from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
 from raytracer.scene.lights import World
-from raytracer.scene.materials import Closure, Material
+from raytracer.scene.materials import HAIR_KINDS, Closure, Material
 from raytracer.scene.programs import Register
 from raytracer.scene.scene import Scene
 from raytracer.shading.evaluate import casts_rays, reads_light_path
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon", "subsurface")
-SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor")
+SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor", *HAIR_KINDS)
 # A lobe of facets of the roughness alpha reflects with the density 1 / (4 pi alpha^2) in its middle. It is narrow above
 # so much for each steradian: of wider ones, samples of lights bring what reflected rays would rarely meet.
 NARROW_DENSITY = 100.0
@@ -112,6 +112,8 @@ def _scatters_on(closure: Closure) -> bool:
 
 def _is_rough(closure: Closure) -> bool:
     coated = closure.kind == "principled" and _may(closure, "coat_weight", lambda weight: weight > 0)
+    if closure.kind in HAIR_KINDS:
+        return _has_weight(closure)
     return _scatters_on(closure) and (coated or _may(closure, "roughness", lambda roughness: roughness > 0))
 
 

@@ -21,7 +21,7 @@ from raytracer.bsdfs.bounce_kinds import GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
 from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.fresnel import refract
-from raytracer.bsdfs.microfacet import evaluate_fresnel
+from raytracer.bsdfs.microfacet import Microfacets, evaluate_fresnel
 from raytracer.casting.caster import Caster
 from raytracer.casting.geometry import Kind, join_id, world_corners
 from raytracer.casting.rays import Hits, Rays, make_rays
@@ -335,7 +335,7 @@ def list_directions(shading: Shading) -> Iterator[tuple[str, Floats, Floats, int
     """Yield kind, unit direction (3,), weight (3,) and kind of bounce of every way on from one point."""
     yield PASSED, -shading.outgoing[0], shading.transparency[0], STRAIGHT
     for lobes in shading.lobes:
-        if not len(lobes):
+        if not len(lobes) or not isinstance(lobes, Microfacets):  # hair has no directions of its own
             continue
         outgoing, normal, geometric = shading.outgoing, lobes.normal, shading.geometric_normal
         if not dot(normal, outgoing)[0] > 0:

@@ -24,7 +24,7 @@ from raytracer.scene.media import Volume, check_volume
 from raytracer.scene.programs import Aovs, Program, Register, check_aovs, check_program, check_register, make_value
 
 # The colors of a closure, its directions, and the range of each of its numbers.
-CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction", "radius")
+CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction", "radius", "absorption")
 CLOSURE_VECTORS = ("normal", "coat_normal", "tangent")
 CLOSURE_RANGES = {
     "weight": (0.0, np.inf),
@@ -43,10 +43,16 @@ CLOSURE_RANGES = {
     "film_thickness": (0.0, np.inf),
     "film_ior": (float(np.nextafter(0.0, 1.0)), np.inf),
     "bare_metal": (0.0, 1.0),
+    "radial_roughness": (0.0, 1.0),
+    "tilt": (-np.pi / 2.0, np.pi / 2.0),
+    "across": (-1.0, 1.0),
 }
+# These need a tangent.
+HAIR_KINDS = ("hair", "hair_reflection", "hair_transmission")
 CLOSURE_KINDS = (
     *("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission"),
     *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon", "holdout", "subsurface"),
+    *HAIR_KINDS,
 )
 DISTRIBUTIONS = ("ggx", "beckmann")
 
@@ -78,8 +84,11 @@ class Closure:
     bare_metal : 1 leaves the film off the metallic part of a principled closure
     simple_coat : 1 gives no light lost between a coat's facets back, and dims what is under it as a smooth one would
     anisotropy, rotation : how far highlights are stretched along the tangent; which turns, in rounds
+    absorption : of light by hair, per radius of the strand
+    radial_roughness, tilt : of hair, around the strand; by which angle its scales, or the cone of light, lean, radians
+    across : where hair is met across its width, from -1 to 1: the sine of the angle around it to its nearest side
     normal, coat_normal : world space, any length, on the side that the ray comes from; None = the surface's
-    tangent : world space, any length; None stretches nothing
+    tangent : world space, any length; None stretches nothing; of hair along the strand, from root to tip
     The remaining fields are those of Blender's Principled BSDF node.
     """
 
@@ -118,6 +127,10 @@ class Closure:
     film_thickness: Any = 0.0
     film_ior: Any = 1.33
     bare_metal: Any = 0.0
+    absorption: Any = 0.0
+    radial_roughness: Any = 0.3
+    tilt: Any = 0.0
+    across: Any = 0.0
     distribution: str = "ggx"
     normal: Any = None
     coat_normal: Any = None
@@ -134,6 +147,8 @@ class Closure:
         for name, (low, high) in CLOSURE_RANGES.items():
             if name not in computed:
                 set_number(self, name, low, high, label)
+        if self.kind in HAIR_KINDS and self.tangent is None:
+            raise ValueError(f"{label}: tangent: expected a direction along the strand, got None")
         for name in self.vectors:
             set_field(self, name, make_value(getattr(self, name), f"{label}: {name}"))
 

@@ -42,6 +42,7 @@ from raytracer.shading.nodes import (
     photometry,
     ramps,
     shapes,
+    strands,
     wavelength,
 )
 from raytracer.shading.nodes.operation import Array, Operation
@@ -64,6 +65,7 @@ OPERATIONS: dict[str, Operation] = {
     **photometry.OPERATIONS,
     **ramps.OPERATIONS,
     **shapes.OPERATIONS,
+    **strands.OPERATIONS,
     **wavelength.OPERATIONS,
 }
 

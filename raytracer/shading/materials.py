@@ -20,8 +20,7 @@ from raytracer.arrays.rows import any_column, lay_columns, make_zeros, mean_colu
 from raytracer.arrays.types import Booleans, Floats, Integers
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.closure_nodes import SCATTERING
-from raytracer.bsdfs.closures import Closures, Points, Shading, TiltedDiffuse, pack_closures
-from raytracer.bsdfs.microfacet import Microfacets
+from raytracer.bsdfs.closures import Closures, Lobes, Points, Shading, TiltedDiffuse, pack_closures
 from raytracer.bsdfs.subsurface import Subsurface
 from raytracer.scene.materials import CLOSURE_KINDS, CLOSURE_VECTORS, Closure
 from raytracer.scene.scene import Scene
@@ -188,7 +187,7 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
         surface = bend_normals(table.computed, surface, path)
         columns = compute_columns(table.computed, table.computed.everything, surface, path)
     sign = np.where(surface.front, 1.0, -1.0)[:, np.newaxis]
-    lobes: list[Microfacets] = []
+    lobes: list[Lobes] = []
     tilted: list[TiltedDiffuse] = []
     subsurface: list[Subsurface] = []
     shading = Shading(

@@ -74,6 +74,19 @@ class Site:
     def is_triangle(self) -> Booleans:
         return self.tables.surface.geometry.belongs_to_kind(self.surface.instance, Kind.TRIANGLE)
 
+    def find_edges(self) -> tuple[Floats, Floats]:
+        """(n, 3) each, world, the first two edges of triangles, along which Cycles' parameters of a surface run; 0 on
+        spheres."""
+        first, second = np.zeros((len(self), 3)), np.zeros((len(self), 3))
+        rows = np.flatnonzero(self.is_triangle)
+        a, b, c = world_corners(self.tables.geometry, self.surface.instance[rows], self.surface.primitive[rows])
+        first[rows], second[rows] = b - a, c - a
+        return first, second
+
+    @property
+    def is_strand(self) -> Booleans:
+        return np.zeros(len(self), dtype=np.bool_)
+
     @property
     def is_smooth(self) -> Booleans:
         """(n,) True on meshes with normals, and on spheres."""

@@ -192,8 +192,6 @@ def test_a_color_on_a_shader_socket_shines(tree: Any) -> None:
 @pytest.mark.parametrize(
     ("node", "kind", "color_input"),
     [
-        ("ShaderNodeBsdfHair", "diffuse", "Color"),
-        ("ShaderNodeBsdfHairPrincipled", "diffuse", "Color"),
         ("ShaderNodeEeveeSpecular", "diffuse", "Base Color"),
         ("ShaderNodeVolumePrincipled", "diffuse", None),
     ],

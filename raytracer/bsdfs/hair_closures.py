@@ -1,0 +1,63 @@
+"""Blender's hair shaders: closures to lobes of strands.
+
+References
+----------
+Blender, intern/cycles/kernel/svm/closure.h: what the sockets of the nodes mean.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from raytracer.arrays.rows import take_rows
+from raytracer.bsdfs.closures import Closures, Points
+from raytracer.bsdfs.hair import find_tangents
+from raytracer.bsdfs.hair_cauchy import CauchyHair, limit_width
+from raytracer.bsdfs.hair_chiang import ChiangHair, find_scale, find_variance
+
+
+def add_hair(closures: Closures, points: Points) -> list[ChiangHair]:
+    """The Principled Hair BSDF by the model of Chiang; a coat makes its first reflection smoother."""
+    normal = take_rows(points.shading.normal, points.rows)
+    roughness = closures.roughness
+    return [
+        ChiangHair(
+            hit=points.rows,
+            weight=np.repeat(closures.weight[:, np.newaxis], 3, axis=1),
+            normal=normal,
+            tangent=find_tangents(points.vectors["tangent"], normal),
+            across=closures.across,
+            absorption=closures.absorption,
+            variance=find_variance(roughness),
+            reflected_variance=find_variance((1.0 - np.minimum(closures.coat_weight, 1.0)) * roughness),
+            scale=find_scale(closures.radial_roughness),
+            tilt=closures.tilt,
+            ior=closures.ior,
+        )
+    ]
+
+
+def add_hair_reflection(closures: Closures, points: Points) -> list[CauchyHair]:
+    """The Hair BSDF's Reflection."""
+    return _make_cauchy(closures, points, passes=False)
+
+
+def add_hair_transmission(closures: Closures, points: Points) -> list[CauchyHair]:
+    """The Hair BSDF's Transmission."""
+    return _make_cauchy(closures, points, passes=True)
+
+
+def _make_cauchy(closures: Closures, points: Points, passes: bool) -> list[CauchyHair]:
+    normal = take_rows(points.shading.normal, points.rows)
+    return [
+        CauchyHair(
+            hit=points.rows,
+            weight=closures.weight[:, np.newaxis] * closures.color,
+            normal=normal,
+            tangent=find_tangents(points.vectors["tangent"], normal),
+            along=limit_width(closures.roughness),
+            around=limit_width(closures.radial_roughness),
+            offset=-closures.tilt,
+            passes=np.full(len(points.rows), float(passes)),
+        )
+    ]
