@@ -7,7 +7,9 @@ into an ObjectEntry and copies matrices as it goes: reading all at once with `fo
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +31,7 @@ from .meshes import Points, extract_points, open_mesh
 from .motion import Tracks
 from .shaders.material_table import MaterialTable
 from .shaders.nodes import WarningContext
+from .strands import Strands, extract_curves, extract_hair, list_hair, list_particles
 from .warnings import Warning, WarningList
 
 # Blender's random numbers of instances and of names are whole, 0 to this.
@@ -36,7 +39,7 @@ LARGEST_WORD = 2**32 - 1
 
 # What is left out, and the filter of view layers that would do so. Grease Pencil is not: Blender itself draws it over
 # the pictures of all engines.
-UNSUPPORTED_TYPES = {"VOLUME": ("volumes", "use_volumes"), "CURVES": ("hair curves", "use_strand")}
+UNSUPPORTED_TYPES = {"VOLUME": ("volumes", "use_volumes")}
 RAY_VISIBILITY = {
     "visible_camera": "camera",
     "visible_diffuse": "diffuse",
@@ -56,7 +59,8 @@ class ObjectKey(NamedTuple):
 
 @dataclass(frozen=True)
 class ObjectEntry:
-    """What all instances of one object, instancer and data share: a mesh, or points with their material, or a light.
+    """What all instances of one object, instancer and data share: a mesh, points or strands with their material, or a
+    light.
 
     terminator : Blender's offsets of the shadow terminator, of geometry and of shading
     light_factor : of a light, what its nodes make of it
@@ -72,6 +76,7 @@ class ObjectEntry:
     seen_by: int = SEEN_BY_ALL
     mesh: int | None = None
     points: Points | None = None
+    strands: Strands | None = None
     material: int = 0
     light: Any = None
     light_factor: LightFactor = NO_NODES
@@ -89,7 +94,7 @@ PartKey = tuple[int, int, int]
 class PartEntry:
     """An ObjectEntry, and what its numbers stand for.
 
-    mesh : its mesh, or None for points
+    mesh : its mesh, or None for points and strands
     materials : `session_uid` of the material of each used slot, 0 for the default grey
     attributes : names of those that the materials read
     sources : `session_uid` of the other data-blocks that it was read from
@@ -129,6 +134,7 @@ class Context:
     kept : the last extraction
     entries : what this one leaves to the next
     tracks : notes what may move; None where nothing shall
+    is_render, thick_strands : the depsgraph's mode; True for strands that are round
     """
 
     view_layer: Any
@@ -139,6 +145,13 @@ class Context:
     kept: Kept = field(default_factory=Kept)
     entries: dict[PartKey, PartEntry] = field(default_factory=dict)
     tracks: Tracks | None = None
+    is_render: bool = True
+    thick_strands: bool = False
+
+    @property
+    def shows_strands(self) -> bool:
+        """True where hair is shown: what casts rays passes it."""
+        return self.materials is not None and bool(self.view_layer.use_strand)
 
     @property
     def shows_surfaces(self) -> bool:
@@ -149,10 +162,11 @@ class Context:
 def walk_instances(depsgraph: Any, context: Context) -> Placements:
     """Return all that a depsgraph shows and that we can show."""
     placements, reader = Placements(), InstanceReader(depsgraph.scene_eval.frame_current_final)
-    known: dict[tuple[int, int, int], int] = {}
+    known: dict[tuple[int, int, int, bool, bool], range] = {}
     for instance in depsgraph.object_instances:
         shown, data = instance.object, instance.object.data
-        if data is None or not instance.show_self:
+        what = instance.show_self, instance.show_particles
+        if data is None or not any(what):
             continue
         if context.space is not None and not shown.visible_in_viewport_get(context.space):
             continue
@@ -160,21 +174,22 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
         source = instance.instance_object if is_instance else shown
         instancer = instance.parent if is_instance else shown
         # `shown` itself is one of two scratch objects while Blender walks instances: no key.
-        key = (source.as_pointer(), instancer.as_pointer(), data.as_pointer())
+        key = (source.as_pointer(), instancer.as_pointer(), data.as_pointer(), *what)
         if key not in known:
-            part = find_part(shown, source, instancer, context)
-            known[key] = len(placements.parts) if part else -1
-            if part:
+            parts = list_parts(shown, source, instancer, what, context)
+            known[key] = range(len(placements.parts), len(placements.parts) + len(parts))
+            for part in parts:
                 placements.parts.append(part)
                 placements.links.append(read_linking(source, instancer))
-        if known[key] >= 0:
-            placements.part.append(known[key])
+        for number in known[key]:
+            part = placements.parts[number]
+            placements.part.append(number)
             placements.world_from_object.append(np.array(instance.matrix_world, dtype=np.float64))
             placements.random.append(read_random(instance.random_id) if is_instance else math.nan)
-            names = placements.parts[known[key]].properties
-            placements.properties.append(reader.read(instance, names) if names else {})
+            placements.properties.append(reader.read(instance, part.properties) if part.properties else {})
             if context.tracks is not None:
-                context.tracks.note(instance, source, instancer, placements.parts[known[key]].mesh)
+                note = context.tracks.note if part.strands is None else context.tracks.pass_over
+                note(instance, source, instancer, part.mesh)
     fill_random(placements)
     return placements
 
@@ -202,12 +217,23 @@ def pack_name(name: str) -> int:
     return word
 
 
+def list_parts(shown: Any, source: Any, instancer: Any, what: tuple[bool, bool], context: Context) -> list[ObjectEntry]:
+    """Return what to show of an object: itself, the hair on it, or both."""
+    itself = find_part(shown, source, instancer, context) if what[0] else None
+    parts = [] if itself is None else [itself]
+    if what[1] and context.shows_strands and source.particle_systems:
+        parts += find_hair(shown, source, instancer, context)
+    return parts
+
+
 def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> ObjectEntry | None:
     """Return what to show of an object, or None; as in the last extraction where nothing of it changed."""
-    if shown.type not in ("MESH", "POINTCLOUD"):
+    if shown.type == "CURVES" and not context.shows_strands:
+        return None
+    if shown.type not in ("MESH", "POINTCLOUD", "CURVES"):
         return make_other_part(shown, source, context)
     if shown.type == "MESH" and not context.shows_surfaces:
-        warn_left_out(source, context.view_layer, context.warnings)
+        warn_left_out(source, context.warnings)
         return None
     key = source.original.session_uid, instancer.original.session_uid, shown.data.as_pointer()
     entry = context.kept.parts.get(key)
@@ -236,25 +262,19 @@ def renew_part(last: PartEntry, source: Any, context: Context) -> PartEntry | No
 
 
 def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> PartEntry | None:
-    """Return what to show of an object with a mesh or points, or None: nothing in it, or hidden from all rays."""
+    """Return what to show of an object with a mesh, points or strands, or None: nothing in it, or hidden from all
+    rays."""
     own = WarningList()
     seen_by = find_visibility(shown, instancer, context.view_layer)
     if seen_by:
-        warn_left_out(source, context.view_layer, own)
+        warn_left_out(source, own)
+    if shown.type == "CURVES":
+        return make_curves_part(shown, source, instancer, context) if seen_by else None
     points = extract_points(shown.data, source.name, own) if seen_by and shown.type == "POINTCLOUD" else None
     context.warnings.include(own.records)
     if not seen_by or (shown.type == "POINTCLOUD" and points is None):
         return None
-    part = ObjectEntry(
-        object=ObjectKey(source.name_full, source.original.session_uid),
-        pass_index=shown.pass_index,
-        holdout=instancer.holdout_get(view_layer=context.view_layer),
-        shadow_catcher=shown.is_shadow_catcher or instancer.is_shadow_catcher,
-        color=tuple(instancer.color),
-        seen_by=seen_by,
-        name_word=pack_name(source.name),
-        terminator=versions.read_terminator(shown),
-    )
+    part = describe_object(shown, source, instancer, context, seen_by)
     sources = tuple(found.session_uid for found in (source.original, instancer.original, source.original.data))
     if points is not None:
         materials = find_materials(shown, source, (0,), context)
@@ -277,6 +297,91 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         index = context.meshes.find_index(entry, mesh, materials, names)
     part = replace(part, mesh=index, properties=list_properties(materials, context))
     return PartEntry(part, entry, identify(materials, context), tuple(names), sources, own.records)
+
+
+def describe_object(shown: Any, source: Any, instancer: Any, context: Context, seen_by: int) -> ObjectEntry:
+    """Return an ObjectEntry of an object, without what it shows."""
+    return ObjectEntry(
+        object=ObjectKey(source.name_full, source.original.session_uid),
+        pass_index=shown.pass_index,
+        holdout=instancer.holdout_get(view_layer=context.view_layer),
+        shadow_catcher=shown.is_shadow_catcher or instancer.is_shadow_catcher,
+        color=tuple(instancer.color),
+        seen_by=seen_by,
+        name_word=pack_name(source.name),
+        terminator=versions.read_terminator(shown),
+    )
+
+
+def make_curves_part(shown: Any, source: Any, instancer: Any, context: Context) -> PartEntry | None:
+    """Return what to show of a Curves object, or None without strands."""
+    own, thick = WarningList(), context.thick_strands
+    sources = (source.original, instancer.original, source.original.data)
+    entry = make_strand_part(
+        (shown, source, instancer),
+        0,
+        sources,
+        lambda names: extract_curves(shown.data, source.name, thick, names, own),
+        own,
+        context,
+    )
+    context.warnings.include(own.records)
+    return entry
+
+
+def find_hair(shown: Any, source: Any, instancer: Any, context: Context) -> list[ObjectEntry]:
+    """Return the hair on an object, one ObjectEntry for each particle system; as in the last extraction where nothing
+    of it changed."""
+    found: list[ObjectEntry] = []
+    number = 0
+    if not find_visibility(shown, instancer, context.view_layer):
+        return found
+    for row, (modifier, system) in enumerate(list_hair(source, context.is_render)):
+        key = source.original.session_uid, instancer.original.session_uid, -1 - row
+        entry = context.kept.parts.get(key)
+        entry = renew_part(entry, source, context) if entry else None
+        if entry is None:
+            own = WarningList()
+            sources = (source.original, instancer.original, source.original.data, system.settings.original)
+            entry = make_strand_part(
+                (shown, source, instancer),
+                system.settings.material - 1,
+                sources,
+                partial(extract_hair, source, modifier, context.is_render, context.thick_strands, number, own),
+                own,
+                context,
+            )
+            context.warnings.include(own.records)
+        number += len(list_particles(system, context.is_render))
+        if entry is not None:
+            context.entries[key] = entry
+            found.append(entry.part)
+    return found
+
+
+def make_strand_part(
+    objects: tuple[Any, Any, Any],
+    slot: int,
+    sources: tuple[Any, ...],
+    extract: Callable[[set[str]], Strands | None],
+    own: WarningList,
+    context: Context,
+) -> PartEntry | None:
+    """Return an ObjectEntry of strands, or None without any.
+
+    objects : what is shown, its source and its instancer; slot : of the material
+    sources : the data-blocks that the strands are made of; extract : what reads them, given names of attributes
+    """
+    shown, source, instancer = objects
+    materials = find_materials(shown, source, (max(slot, 0),), context)
+    names = list_attributes(materials, context)
+    strands = extract(names)
+    if strands is None:
+        return None
+    part = describe_object(*objects, context, find_visibility(shown, instancer, context.view_layer))
+    part = replace(part, material=materials[0], strands=strands, properties=list_properties(materials, context))
+    identities = tuple(each.session_uid for each in sources)
+    return PartEntry(part, None, identify(materials, context), tuple(names), identities, own.records)
 
 
 def identify(materials: tuple[int, ...], context: Context) -> tuple[int, ...]:

@@ -8,11 +8,8 @@ from .. import versions
 from .warnings import WarningList
 
 
-def warn_left_out(source: Any, view_layer: Any, warnings: WarningList) -> None:
-    """Name what an object has and rendering leaves out: hair that the view layer shows, adaptive subdivision."""
-    for system in source.particle_systems if view_layer.use_strand else ():
-        if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
-            warnings.add(f"particle hair '{system.name}' is not supported, left out", source.name)
+def warn_left_out(source: Any, warnings: WarningList) -> None:
+    """Name what an object has and rendering leaves out: adaptive subdivision."""
     if versions.subdivides_adaptively(source):
         warnings.add("adaptive subdivision is not supported, the modifier's own levels are used", source.name)
 

@@ -123,6 +123,10 @@ class Tracks:
         self.tracks[key] = track
         self.keys.append(key)
 
+    def pass_over(self, instance: Any, source: Any, instancer: Any, mesh: int | None) -> None:
+        """Note an instance that stands still: hair."""
+        self.keys.append(None)
+
     def list_times(self) -> set[float]:
         """Return all times at which something has a step, but for the middle."""
         return {time for track in self.tracks.values() for time in list_times(track.steps)} - {0.0}

@@ -1,4 +1,4 @@
-"""Parts and their places as records of the scene, in world space: instances, spheres, lights."""
+"""Parts and their places as records of the scene, in world space: instances, spheres, curves, lights."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ UNIFORM_SCALE_TOLERANCE = 64 * float(np.finfo(np.float32).eps)
 
 @dataclass(frozen=True)
 class Placed:
-    """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres.
+    """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres, of curves.
 
     objects : of those, light_objects : of the lights
     rows : the placements that the instances are; groups : what the spheres are
@@ -33,6 +33,7 @@ class Placed:
 
     instances: raytracer.Instances
     spheres: tuple[raytracer.Spheres, ...]
+    curves: tuple[raytracer.Curves, ...]
     lights: tuple[Light, ...]
     objects: tuple[ObjectKey, ...]
     light_objects: tuple[ObjectKey, ...]
@@ -46,7 +47,7 @@ def place_parts(
     with_info: bool = False,
     shapes: Shapes | None = None,
 ) -> Placed:
-    """Return instances, spheres and lights in world space; those with a matrix that is not finite are left out.
+    """Return instances, spheres, curves and lights in world space; those with a matrix that is not finite are left out.
 
     with_info : True where a material reads the random number or the color of its object
     shapes : by which mesh instances are numbered; None leaves them in Blender's order, that of `Scene.ray_cast`
@@ -56,19 +57,24 @@ def place_parts(
     finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
     links = make_link_sets(placements.links, warnings)
     meshes: list[int] = []
-    spheres, groups, lights, sphere_objects, light_objects = [], [], [], [], []
+    spheres, groups, curves, lights = [], [], [], []
+    sphere_objects, curve_objects, light_objects = [], [], []
     for row, index in enumerate(placements.part):
         part = placements.parts[index]
         if not finite[row]:
             warnings.add("its matrix is NaN or infinite: object left out", part.object.name)
         elif part.mesh is not None:
             meshes.append(row)
-        elif part.points is not None:
+        elif part.points is not None or part.strands is not None:
             info: dict[str, Any] = {"random": placements.random[row], "color": part.color} if with_info else {}
-            group = place_points(part, matrices[row], warnings)
-            spheres.append(replace(group, properties=placements.properties[row], **info, **vars(links[index])))
-            groups.append(PlacedPoints(row, part.points, matrices[row]))
-            sphere_objects.append(part.object)
+            info |= {"properties": placements.properties[row], **vars(links[index])}
+            if part.points is not None:
+                spheres.append(replace(place_points(part, matrices[row], warnings), **info))
+                groups.append(PlacedPoints(row, part.points, matrices[row]))
+                sphere_objects.append(part.object)
+            else:
+                curves.append(replace(place_strands(part, matrices[row], warnings), **info))
+                curve_objects.append(part.object)
         elif (light := _place_light(placements, row, matrices[row], warnings)) is not None:
             lights.append(replace(light, receivers=links[index].receivers, blockers=links[index].blockers))
             light_objects.append(part.object)
@@ -89,8 +95,8 @@ def place_parts(
         color=np.array([part.color for part in parts]).reshape(-1, 4) if with_info else None,
         properties=_gather_properties([placements.properties[row] for row in meshes]),
     )
-    objects = (*(part.object for part in parts), *sphere_objects)
-    records = instances, tuple(spheres), tuple(lights)
+    objects = (*(part.object for part in parts), *sphere_objects, *curve_objects)
+    records = instances, tuple(spheres), tuple(curves), tuple(lights)
     return Placed(*records, objects, tuple(light_objects), tuple(meshes), tuple(groups))
 
 
@@ -136,8 +142,8 @@ def place_points(part: ObjectEntry, world_from_object: NDArray[np.float64], warn
     """
     assert part.points is not None
     axes = world_from_object[:3, :3]
-    scale = abs(np.linalg.det(axes)) ** (1 / 3)
-    if np.abs(axes.T @ axes - scale**2 * np.eye(3)).max() > UNIFORM_SCALE_TOLERANCE * scale**2:
+    scale, is_uniform = find_scale(axes)
+    if not is_uniform:
         warnings.add("non-uniform scale: its points are rendered as spheres of equal volume", part.object.name)
     return raytracer.Spheres(
         centres=part.points.centres @ axes.T + world_from_object[:3, 3],
@@ -150,3 +156,34 @@ def place_points(part: ObjectEntry, world_from_object: NDArray[np.float64], warn
         name=part.object.name,
         attributes=part.points.attributes,
     )
+
+
+def place_strands(part: ObjectEntry, world_from_object: NDArray[np.float64], warnings: WarningList) -> raytracer.Curves:
+    """Return strands in world space; under non-uniform scale they stay round, with a warning."""
+    strands, axes = part.strands, world_from_object[:3, :3]
+    assert strands is not None
+    scale, is_uniform = find_scale(axes)
+    if not is_uniform:
+        warnings.add("non-uniform scale: its strands stay as wide in all directions", part.object.name)
+    return raytracer.Curves(
+        points=strands.points @ axes.T + world_from_object[:3, 3],
+        radii=strands.radii * scale,
+        strands=strands.first,
+        shape="thick" if strands.thick else "ribbon",
+        material=part.material,
+        uvs=strands.uvs,
+        name=part.object.name,
+        attributes=strands.attributes or {},
+        strand_attributes=strands.strand_attributes or {},
+        pass_index=part.pass_index,
+        holdout=part.holdout,
+        shadow_catcher=part.shadow_catcher,
+        seen_by=part.seen_by,
+        world_from_object=world_from_object,
+    )
+
+
+def find_scale(axes: NDArray[np.float64]) -> tuple[float, bool]:
+    """Return the scale of a (3, 3) matrix, the third root of its volume, and whether it is that in all directions."""
+    scale = abs(np.linalg.det(axes)) ** (1 / 3)
+    return scale, bool(np.abs(axes.T @ axes - scale**2 * np.eye(3)).max() <= UNIFORM_SCALE_TOLERANCE * scale**2)

@@ -32,6 +32,7 @@ from .motion import (
 )
 from .placing import place_parts
 from .shaders.material_table import MaterialTable
+from .strands import shows_thick
 from .warnings import Warning, WarningList
 from .world import extract_world
 
@@ -41,7 +42,7 @@ class Extraction:
     """A scene, and how its numbers lead back to Blender.
 
     scene : raytracer.Scene
-    objects : the object of each instance, numbered as `Hits.instance`: mesh instances, then groups of spheres
+    objects : the object of each instance, numbered as `Hits.instance`: mesh instances, groups of spheres, of curves
     lights : the object of each light
     polygons : for each mesh of the scene (t,) int32, the Blender polygon of each triangle
     warnings : what could not be honoured
@@ -133,7 +134,12 @@ def _extract_scene(
     materials = None if geometry_only else MaterialTable(warnings, last, frame, list_aovs(passes))
     meshes = MeshTable("UV" in passes, warnings, last)
     warn_missing(depsgraph, warnings)
-    context = Context(view_layer, meshes, materials, warnings, space, last, tracks=tracks)
+    context = Context(
+        *(view_layer, meshes, materials, warnings, space, last),
+        tracks=tracks,
+        is_render=depsgraph.mode == "RENDER",
+        thick_strands=shows_thick(scene),
+    )
     placements = walk_instances(depsgraph, context)
     images = materials.images if materials else None
     with_info, shapes = materials is not None and materials.read_object_info, None
@@ -155,6 +161,7 @@ def _extract_scene(
     record = raytracer.Scene(
         meshes=records,
         spheres=placed.spheres,
+        curves=placed.curves,
         instances=placed.instances,
         materials=materials.records if materials else (),
         lights=placed.lights,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize, transform
-from raytracer.casting.geometry import Kind, transform_points, world_corners
+from raytracer.casting.geometry import Kind, join_id, transform_points, world_corners
 from raytracer.film.camera import find_on_film
 from raytracer.lecture import cross, dot
 from raytracer.shading.light_path import LightPath
@@ -75,21 +75,46 @@ class Site:
         return self.tables.surface.geometry.belongs_to_kind(self.surface.instance, Kind.TRIANGLE)
 
     def find_edges(self) -> tuple[Floats, Floats]:
-        """(n, 3) each, world, the first two edges of triangles, along which Cycles' parameters of a surface run; 0 on
-        spheres."""
+        """(n, 3) each, world, along which Cycles' parameters of a surface run: the first two edges of triangles, twice
+        the direction of strands; 0 on spheres."""
         first, second = np.zeros((len(self), 3)), np.zeros((len(self), 3))
         rows = np.flatnonzero(self.is_triangle)
         a, b, c = world_corners(self.tables.geometry, self.surface.instance[rows], self.surface.primitive[rows])
         first[rows], second[rows] = b - a, c - a
+        if self.surface.tangent is not None:
+            rows = np.flatnonzero(self.is_strand)
+            first[rows] = second[rows] = self.surface.tangent[rows]
         return first, second
 
     @property
     def is_strand(self) -> Booleans:
-        return np.zeros(len(self), dtype=np.bool_)
+        """(n,) True on curves."""
+        if self.tables.strands is None:
+            return np.zeros(len(self), dtype=np.bool_)
+        return self.tables.surface.geometry.belongs_to_kind(self.surface.instance, Kind.CURVE)
+
+    @property
+    def is_sphere(self) -> Booleans:
+        return self.tables.surface.geometry.belongs_to_kind(self.surface.instance, Kind.SPHERE)
+
+    def find_segments(self, rows: Any) -> NDArray[np.int64]:
+        """The numbers of the segments that some rows are on, among those of all curves of the scene."""
+        geometry = self.tables.geometry
+        number = join_id(geometry, self.surface.instance[rows], self.surface.primitive[rows])
+        return geometry.find_rows(number, Kind.CURVE)
+
+    def find_radius(self) -> Floats:
+        """(n,) metres, of strands; 0 elsewhere."""
+        radius, rows = np.zeros(len(self)), np.flatnonzero(self.is_strand)
+        if len(rows):
+            assert self.tables.strands is not None
+            assert self.surface.along is not None
+            radius[rows] = self.tables.strands.find_radius(self.find_segments(rows), self.surface.along[rows])
+        return radius
 
     @property
     def is_smooth(self) -> Booleans:
-        """(n,) True on meshes with normals, and on spheres."""
+        """(n,) True on meshes with normals, on spheres and on curves."""
         smooth = ~self.is_triangle
         rows = np.flatnonzero(~smooth)
         smooth[rows] = self.tables.smooth[self.tables.geometry.instance_mesh[self.surface.instance[rows]]]
@@ -98,12 +123,16 @@ class Site:
     # Attributes
 
     def attribute_width(self, name: str) -> NDArray[np.int64]:
-        """(n,) numbers per value, 0 where the mesh, or the group of spheres, lacks the attribute."""
-        width, is_triangle = np.zeros(len(self), dtype=np.int64), self.is_triangle
-        rows = np.flatnonzero(is_triangle)
+        """(n,) numbers per value, 0 where the mesh, or the group of spheres or curves, lacks the attribute."""
+        width, strands = np.zeros(len(self), dtype=np.int64), self.tables.strands
+        rows = np.flatnonzero(self.is_triangle)
         width[rows] = self.tables.widths[name][self.tables.geometry.instance_mesh[self.surface.instance[rows]]]
         if name in self.tables.sphere_widths:
-            width[~is_triangle] = self.tables.sphere_widths[name][self._group(~is_triangle)]
+            rows = np.flatnonzero(self.is_sphere)
+            width[rows] = self.tables.sphere_widths[name][self._group(rows)]
+        if strands is not None and name in strands.widths:
+            rows = np.flatnonzero(self.is_strand)
+            width[rows] = strands.widths[name][self.surface.instance[rows] - strands.first]
         return width
 
     def _group(self, rows: Any) -> NDArray[np.int64]:
@@ -128,17 +157,23 @@ class Site:
         return values
 
     def _read_kinds(self, name: str, has: Booleans) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-        """Rows that have an attribute, and its values there: of triangles, then of spheres, which have one each."""
-        surface, tables, is_triangle = self.surface, self.tables, self.is_triangle
-        rows = np.flatnonzero(has & is_triangle)
+        """Rows that have an attribute, and its values there: of triangles, of spheres, which have one each, of
+        strands."""
+        surface, tables = self.surface, self.tables
+        rows = np.flatnonzero(has & self.is_triangle)
         if len(rows):
             assert surface.barycentric is not None
             mesh = tables.geometry.instance_mesh[surface.instance[rows]]
             table = tables.attributes[name]
             yield rows, gather_corners(table, mesh, surface.primitive[rows], surface.barycentric[rows])
-        rows = np.flatnonzero(has & ~is_triangle)
+        rows = np.flatnonzero(has & self.is_sphere)
         if len(rows):
             yield rows, tables.sphere_values[name][self.find_spheres(rows)]
+        rows = np.flatnonzero(has & self.is_strand)
+        if len(rows):
+            assert tables.strands is not None
+            assert surface.along is not None
+            yield rows, tables.strands.read(name, self.find_segments(rows), surface.along[rows])
 
     def read_tangent(self, name: str) -> tuple[Floats, Floats]:
         """(n, 3) the tangent for coordinates `name` in object space, interpolated and so not of unit length, and (n,)
@@ -164,7 +199,7 @@ class Site:
 
     @property
     def object_location(self) -> Floats:
-        return self._of_objects(self.tables.geometry.world_from_object, np.eye(4))[:, :3, 3]
+        return self._world_from_object[:, :3, 3]
 
     @property
     def object_color(self) -> Floats:
@@ -183,24 +218,41 @@ class Site:
         table = self.tables.properties.get(name)
         return np.zeros((len(self), 4)) if table is None else table[self.surface.instance]
 
-    def _of_objects(self, table: Floats, default: Floats) -> Floats:
-        values = np.broadcast_to(default, (len(self), *default.shape)).copy()
+    @property
+    def _world_from_object(self) -> Floats:
+        strands = self.tables.strands
+        return self._place(
+            self.tables.geometry.world_from_object, None if strands is None else strands.world_from_object
+        )
+
+    @property
+    def _object_from_world(self) -> Floats:
+        strands = self.tables.strands
+        return self._place(self.tables.object_from_world, None if strands is None else strands.object_from_world)
+
+    def _place(self, of_instances: Floats, of_curves: Floats | None) -> Floats:
+        """(n, 4, 4) the matrices of instances and of groups of curves; those of spheres leave all as it is."""
+        values = np.broadcast_to(np.eye(4), (len(self), 4, 4)).copy()
         rows = np.flatnonzero(self.is_triangle)
-        values[rows] = table[self.surface.instance[rows]]
+        values[rows] = of_instances[self.surface.instance[rows]]
+        if of_curves is not None:
+            assert self.tables.strands is not None
+            rows = np.flatnonzero(self.is_strand)
+            values[rows] = of_curves[self.surface.instance[rows] - self.tables.strands.first]
         return values
 
     def to_object(self, points: Floats) -> Floats:
         """World to object space, points (n, 3)."""
-        return transform_points(self._of_objects(self.tables.object_from_world, np.eye(4)), points)
+        return transform_points(self._object_from_world, points)
 
     def normal_to_object(self, normals: Floats) -> Floats:
         """World to object space, normals (n, 3), unit: the transpose of the matrix."""
-        matrices = self._of_objects(self.tables.geometry.world_from_object, np.eye(4))[:, :3, :3]
+        matrices = self._world_from_object[:, :3, :3]
         return normalize(dot(np.swapaxes(matrices, 1, 2), normals[:, np.newaxis, :]))
 
     def normal_to_world(self, normals: Floats) -> Floats:
         """Object to world space, normals (n, 3), unit: the inverse transpose of the matrix."""
-        matrices = self._of_objects(self.tables.object_from_world, np.eye(4))[:, :3, :3]
+        matrices = self._object_from_world[:, :3, :3]
         return normalize(dot(np.swapaxes(matrices, 1, 2), normals[:, np.newaxis, :]))
 
     def to_camera(self, points: Floats) -> Floats:
@@ -241,11 +293,7 @@ class Site:
             turn[:3, :3] = signs[:, np.newaxis] * np.eye(3)[order]
             pair = self._view.camera.world_from_camera @ turn.T, turn @ self._view.camera_from_world
         else:
-            geometry = self.tables.geometry
-            pair = (
-                self._of_objects(geometry.world_from_object, np.eye(4)),
-                self._of_objects(self.tables.object_from_world, np.eye(4)),
-            )
+            pair = self._world_from_object, self._object_from_world
         return pair if to_world else pair[::-1]
 
     @staticmethod
@@ -276,7 +324,7 @@ class Site:
         if not len(moved):
             return self
         place, position = self.read_attribute(UNDISPLACED)[:, :3], self.position.copy()
-        matrices = self._of_objects(self.tables.geometry.world_from_object, np.eye(4))
+        matrices = self._world_from_object
         position[moved] = transform_points(matrices[moved], place[moved])
         return replace(self, surface=replace(self.surface, position=position))
 

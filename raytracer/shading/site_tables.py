@@ -13,14 +13,15 @@ from raytracer.casting.geometry import Geometry
 from raytracer.film.camera import find_on_film
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
+from raytracer.shading.strand_tables import OWN_UV, StrandTables, invert_matrices, make_strand_tables
 from raytracer.surfaces.surface_tables import CornerTable, SurfaceTables, pack_corners
 from raytracer.surfaces.tangents import make_tangents
 from raytracer.textures.image import map_sphere
 
 # What the names of tangents begin with; the coordinates they are for follow.
 TANGENT = "tangent "
-# A mesh's own coordinates, and the undeformed places of its vertices, which stand in for them where it has none.
-OWN_UV, UNDEFORMED = "uv", "undeformed"
+# The undeformed places of a mesh's vertices, which stand in for its own coordinates where it has none.
+UNDEFORMED = "undeformed"
 # Where the vertices of a displaced mesh were, in object space, if what displaced it also bends its normals.
 UNDISPLACED = "undisplaced position"
 
@@ -82,6 +83,7 @@ class SiteTables:
     properties : by name, (i + g, 4) float64, 0 where there is none
     smooth : (meshes,) bool, True for meshes with normals
     view : CameraView, or None without a camera
+    strands : what programs read of curves; None without any
     """
 
     surface: SurfaceTables
@@ -97,6 +99,7 @@ class SiteTables:
     properties: dict[str, Floats]
     smooth: Booleans
     view: CameraView | None
+    strands: StrandTables | None = None
 
     @property
     def geometry(self) -> Geometry:
@@ -122,7 +125,7 @@ def make_site_tables(
     sphere_widths = _find_sphere_widths(scene, names)
     return SiteTables(
         surface=surface,
-        object_from_world=_invert(geometry.world_from_object),
+        object_from_world=invert_matrices(geometry.world_from_object),
         attributes={name: _pack(scene, name, int(width.max(initial=1))) for name, width in widths.items()},
         widths=widths,
         sphere_widths=sphere_widths,
@@ -134,6 +137,7 @@ def make_site_tables(
         properties=_gather_properties(scene),
         smooth=np.array([mesh.normals is not None for mesh in scene.meshes], dtype=np.bool_),
         view=_make_view(scene.camera, resolution),
+        strands=make_strand_tables(scene, geometry.strands, names),
     )
 
 
@@ -154,14 +158,6 @@ def _make_view(camera: Camera | None, resolution: tuple[int, int] | None) -> Cam
     if camera is None or resolution is None:
         return None
     return CameraView(camera, *resolution, np.linalg.inv(camera.world_from_camera))
-
-
-def _invert(matrices: Floats) -> Floats:
-    """The inverses of (i, 4, 4) affine matrices; zeros for those that flatten."""
-    usable = np.linalg.det(matrices[:, :3, :3]) != 0
-    inverse = np.zeros_like(matrices)
-    inverse[usable] = np.linalg.inv(matrices[usable])
-    return inverse
 
 
 def _values_of(mesh: Any, name: str) -> Floats | None:

@@ -56,11 +56,11 @@ def read_point_radius(site: Site) -> Array:
 def read_point_random(site: Site) -> Array:
     """(n,) a random number of each point of its cloud, 0 to 1: a hash of its number; 0 on meshes."""
     random = hash_words(site.surface.primitive, 0).astype(np.float64) / LARGEST_WORD
-    return np.where(site.is_triangle, 0.0, random)
+    return np.where(site.is_sphere, random, 0.0)
 
 
 def _read_spheres(site: Site, table: Array) -> Array:
-    values, rows = np.zeros((len(site), *table.shape[1:])), np.flatnonzero(~site.is_triangle)
+    values, rows = np.zeros((len(site), *table.shape[1:])), np.flatnonzero(site.is_sphere)
     values[rows] = table[site.find_spheres(rows)]
     return values
 

@@ -10,6 +10,7 @@ svm/closure.h: hair shaders.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,31 @@ def find_across(site: Site) -> Array:
     . z with the geometric normal n, in the frame (t, y, z) of the strand and the view."""
     tangent = normalize(site.find_edges()[0])
     _, z = make_strand_frame(tangent, site.outgoing)
-    return np.clip(dot(cross(site.geometric_normal, tangent), z), -1.0, 1.0)
+    across = dot(cross(site.geometric_normal, tangent), z)
+    if site.surface.across is not None:
+        across = np.where(np.isnan(site.surface.across), across, -site.surface.across)
+    return np.clip(across, -1.0, 1.0)
+
+
+def read_strand(site: Site, *, name: str) -> Array:
+    """An attribute of strands; 0 elsewhere."""
+    return np.where(site.is_strand, site.read_attribute(name)[:, 0], 0.0)
+
+
+def find_tangent_normal(site: Site) -> Array:
+    """The direction to the viewer, laid across the strand, unit; 0 elsewhere."""
+    if site.surface.tangent is None:
+        return np.zeros((len(site), 3))
+    tangent = normalize(site.surface.tangent)
+    across = normalize(site.outgoing - dot(site.outgoing, tangent)[:, np.newaxis] * tangent)
+    return np.where(site.is_strand[:, np.newaxis], across, 0.0)
+
+
+def _strand_attribute(output: str, name: str) -> Operation:
+    """An output of Curves Info that is an attribute."""
+    return Operation(
+        partial(read_strand, name=name), (), (output,), reads_site=True, attributes=lambda settings: (name,)
+    )
 
 
 def read_random(site: Site, random: Any) -> Array:
@@ -43,6 +68,14 @@ def vary(amount: Any, random: Any) -> Array:
 
 
 OPERATIONS = {
+    "HAIR_INFO Is Strand": Operation(
+        lambda site: site.is_strand.astype(np.float64), (), ("Is Strand",), reads_site=True
+    ),
+    "HAIR_INFO Intercept": _strand_attribute("Intercept", INTERCEPT),
+    "HAIR_INFO Length": _strand_attribute("Length", LENGTH),
+    "HAIR_INFO Thickness": Operation(lambda site: 2.0 * site.find_radius(), (), ("Thickness",), reads_site=True),
+    "HAIR_INFO Tangent Normal": Operation(find_tangent_normal, (), ("Tangent Normal",), reads_site=True),
+    "HAIR_INFO Random": _strand_attribute("Random", RANDOM),
     "STRAND Along": Operation(lambda site: site.find_edges()[0], (), ("Along",), reads_site=True),
     "STRAND Aside": Operation(lambda site: site.find_edges()[1], (), ("Aside",), reads_site=True),
     "STRAND Across": Operation(find_across, (), ("Across",), reads_site=True),

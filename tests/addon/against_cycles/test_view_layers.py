@@ -111,7 +111,7 @@ def test_casts_heed_no_filter(filled: Any) -> None:
     assert len(extract(geometry_only=True).scene.meshes) == 1
 
 
-@pytest.mark.parametrize(("option", "kind"), [("use_strand", "hair_curves"), ("use_volumes", "volumes")])
+@pytest.mark.parametrize(("option", "kind"), [("use_volumes", "volumes")])
 def test_what_the_layer_leaves_out_needs_no_warning(filled: Any, option: str, kind: str) -> None:
     data = getattr(bpy.data, kind).new("Left out")
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("Left out", data))
