@@ -5,7 +5,8 @@
 
 a Cauchy distribution of the half angle between where it is at its ends, a = atan((pi/2 + theta_o)/2 - offset)/r) and b
 likewise; around the strand N = cos(phi / (2 s)) / (4 s) about the side that light is seen from, or a Cauchy
-distribution of width s about the other.
+distribution of width s about the other, of which half the circle counts 1: where the surface's normal points to the
+viewer, that is all that it sends on.
 
 References
 ----------
@@ -84,7 +85,8 @@ class CauchyHair(HairLobes):
         sent &= passes | (cosine >= 0)
         density = around_density(self, np.arccos(cosine)) * along_density(self, view, theta)
         density = np.where(sent, density / np.maximum(np.cos(theta), np.sin(CLOSEST)), 0.0)
-        return self.weight * density[:, np.newaxis], density
+        gain = np.where(passes, np.arctan(np.pi / self.around) / np.arctan(np.pi / 2.0 / self.around), 1.0)
+        return self.weight * (gain * density)[:, np.newaxis], density
 
     def sample(self, outgoing: Floats, choice: Floats, pair: Floats) -> HairSamples:
         view, side = find_side(self, outgoing)
@@ -92,7 +94,7 @@ class CauchyHair(HairLobes):
         theta = 2.0 * (self.along * np.tan(low + pair[:, 0] * (high - low)) + self.offset) - view
         passes = self.passes > 0
         back = 2.0 * np.arcsin(1.0 - 2.0 * pair[:, 1]) * self.around
-        through = np.pi + self.around * np.tan(2.0 * np.arctan(np.pi / 2.0 / self.around) * (pair[:, 1] - 0.5))
+        through = np.pi + self.around * np.tan(2.0 * np.arctan(np.pi / self.around) * (pair[:, 1] - 0.5))
         phi = np.where(passes, through, back)
         other = cross(side, self.tangent)
         cosine = np.cos(theta)[:, np.newaxis]
@@ -131,8 +133,9 @@ def along_density(hair: CauchyHair, view: Floats, theta: Floats) -> Floats:
 
 
 def around_density(hair: CauchyHair, phi: Floats) -> Floats:
-    """Return N (m,), the density of phi from 0 to pi, to each side."""
+    """Return the density (m,) of phi from 0 to pi, to each side, that is sampled: N, or for what goes through the same
+    Cauchy distribution of the whole circle."""
     back = np.cos(np.minimum(phi / hair.around, np.pi) / 2.0) / (4.0 * hair.around)
     opposite = np.pi - phi
-    through = hair.around / (2.0 * np.arctan(np.pi / 2.0 / hair.around) * (opposite * opposite + hair.around**2))
-    return np.where(hair.passes > 0, np.where(opposite <= np.pi / 2.0, through, 0.0), back)
+    through = hair.around / (2.0 * np.arctan(np.pi / hair.around) * (opposite * opposite + hair.around**2))
+    return np.where(hair.passes > 0, through, back)

@@ -27,10 +27,11 @@ INTERCEPT, LENGTH, RANDOM = "strand intercept", "strand length", "strand random"
 
 def find_across(site: Site) -> Array:
     """h, where strands are met across their width: of ribbons -v; else the sine of the angle around the strand, (n x t)
-    . z with the geometric normal n, in the frame (t, y, z) of the strand and the view."""
+    . z, in the frame (t, y, z) of the strand and the view, with the normal n: of what is flat the geometric one."""
     tangent = normalize(site.find_edges()[0])
     _, z = make_strand_frame(tangent, site.outgoing)
-    across = dot(cross(site.geometric_normal, tangent), z)
+    normal = np.where(site.is_strand[:, np.newaxis], site.normal, site.geometric_normal)
+    across = dot(cross(normal, tangent), z)
     if site.surface.across is not None:
         across = np.where(np.isnan(site.surface.across), across, -site.surface.across)
     return np.clip(across, -1.0, 1.0)
