@@ -99,6 +99,11 @@ FEATURES = {
         {},
         ("media.py", "cross_media"),
     ),
+    "hair": (
+        lambda: make_scene(raytracer.Closure("hair", absorption=0.5, tangent=(1.0, 0.0, 0.0))),
+        {},
+        ("hair_chiang.py", "describe_lobes"),
+    ),
     "emission": (
         lambda: make_scene(raytracer.Closure("emission", color=0.5)),
         {},

@@ -23,15 +23,18 @@ RAY_CAST_KEYS = [
     *("rays", "wrong_hit", "wrong_object", "wrong_polygon", "max_position_error", "max_normal_error"),
     *("judged", "ours_wrong", "blender_wrong", "ours_seconds", "blender_seconds", "verdict", "reason"),
 ]
-# Saves a scene with a movie for its output: a lit plane, and over it what this engine leaves out: hair.
-SAVE_HAIR = """
+# Saves a scene with a movie for its output: a lit plane, whose shader may be what this engine lacks: a portal.
+SAVE_PLANE = """
 import sys, bpy
 bpy.ops.wm.read_homefile(use_empty=True)
 scene = bpy.context.scene
 bpy.ops.mesh.primitive_plane_add(size=2)
-bpy.context.object.modifiers.new("Hair", "PARTICLE_SYSTEM")
-settings = bpy.context.object.particle_systems[0].settings
-settings.type, settings.count, settings.hair_length = "HAIR", int(sys.argv[2]), 1.0
+if sys.argv[2] == "portal":
+    material = bpy.data.materials.new("Portal")
+    material.use_nodes = True
+    tree = material.node_tree
+    tree.links.new(tree.nodes.new("ShaderNodeBsdfRayPortal").outputs[0], tree.nodes["Material Output"].inputs[0])
+    bpy.context.object.data.materials.append(material)
 bpy.ops.object.light_add(type="SUN", location=(0, 0, 5))
 bpy.ops.object.camera_add(location=(0, -5, 1.5), rotation=(1.35, 0, 0))
 scene.camera = bpy.context.object
@@ -59,13 +62,13 @@ def test_comparison_with_cycles_prints_json_and_writes_three_panels(tmp_path):
     assert int.from_bytes(out.read_bytes()[16:20], "big") == 3 * 24
 
 
-def save_hair(path, count):
-    subprocess.run([sys.executable, "-c", SAVE_HAIR, str(path), str(count)], check=True, capture_output=True)
+def save_plane(path, shader="default"):
+    subprocess.run([sys.executable, "-c", SAVE_PLANE, str(path), shader], check=True, capture_output=True)
     return path
 
 
 def test_too_few_samples_decide_nothing_and_more_of_them_are_taken_until_they_do(tmp_path):
-    file = save_hair(tmp_path / "plane.blend", 0)
+    file = save_plane(tmp_path / "plane.blend")
     few = run_compare(file, "--with", "cycles", "--size", "32x18", "--samples", 8, "--json", "--require")
     numbers = json.loads(few.stdout)
     assert (few.returncode, numbers["verdict"], numbers["z_fail_share"]) == (4, "undecided", 0.0)
@@ -79,7 +82,7 @@ def test_too_few_samples_decide_nothing_and_more_of_them_are_taken_until_they_do
 
 
 def test_people_are_told_why_samples_are_added(tmp_path):
-    file = save_hair(tmp_path / "plane.blend", 0)
+    file = save_plane(tmp_path / "plane.blend")
     done = run_compare(file, "--with", "cycles", "--size", "32x18", "--to", "0.5%")
     looks = done.stderr.splitlines()
     assert done.returncode == 0
@@ -90,7 +93,7 @@ def test_people_are_told_why_samples_are_added(tmp_path):
 
 
 def test_what_is_missing_differs_at_any_number_of_samples(tmp_path):
-    file = save_hair(tmp_path / "hair.blend", 300)
+    file = save_plane(tmp_path / "portal.blend", "portal")
     done = run_compare(file, "--with", "cycles", "--size", "32x18", "--to", "1%", "--json", "--require")
     numbers = json.loads(done.stdout)
     assert (done.returncode, numbers["verdict"]) == (3, "differs")
