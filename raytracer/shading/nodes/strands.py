@@ -10,7 +10,6 @@ svm/closure.h: hair shaders.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,11 +36,6 @@ def find_across(site: Site) -> Array:
     return np.clip(across, -1.0, 1.0)
 
 
-def read_strand(site: Site, *, name: str) -> Array:
-    """An attribute of strands; 0 elsewhere."""
-    return np.where(site.is_strand, site.read_attribute(name)[:, 0], 0.0)
-
-
 def find_tangent_normal(site: Site) -> Array:
     """The direction to the viewer, laid across the strand, unit; 0 elsewhere."""
     if site.surface.tangent is None:
@@ -52,10 +46,12 @@ def find_tangent_normal(site: Site) -> Array:
 
 
 def _strand_attribute(output: str, name: str) -> Operation:
-    """An output of Curves Info that is an attribute."""
-    return Operation(
-        partial(read_strand, name=name), (), (output,), reads_site=True, attributes=lambda settings: (name,)
-    )
+    """An output of Curves Info that is an attribute of strands; 0 elsewhere."""
+
+    def read(site: Site) -> Array:
+        return np.where(site.is_strand, site.read_attribute(name)[:, 0], 0.0)
+
+    return Operation(read, (), (output,), reads_site=True, attributes=lambda settings: (name,))
 
 
 def read_random(site: Site, random: Any) -> Array:
