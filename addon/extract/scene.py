@@ -106,6 +106,8 @@ def extract_moving(depsgraph: Any, passes: Sequence[str], kept: Kept | None, set
     if is_blurred and "Vector" in passes:
         warnings.add("the Vector pass is empty with motion blur: the picture has the motion already")
     scene = still.scene
+    if is_blurred and scene.curves:
+        warnings.add("hair stands still in motion blur")
     if motion is not None:
         scene = replace(scene, motion=motion) if is_blurred else replace(scene, neighbors=motion)
     return replace(still, scene=scene, warnings=(*still.warnings, *warnings.records))

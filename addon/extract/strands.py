@@ -1,7 +1,7 @@
 """Strands of hair as Blender gives them to render engines: Curves objects, and particles that are shown as paths.
 
 Everything stays in object space. A Curves object is read as arrays; particles have no such way, but one call for each
-point: 0.8 s for 100,000 strands of 17 points.
+point: 1.7 s for 100,000 strands of 17 points, all in all.
 
 References
 ----------

@@ -163,6 +163,16 @@ def test_instances_of_curves_stand_where_they_are_put(scene_with_camera: Any) ->
     assert [curves.points[0, 0] for curves in found] == [10, 20]
 
 
+def test_hair_that_does_not_move_is_named(scene_with_camera: Any) -> None:
+    add_curves(scene_with_camera)
+    scene_with_camera.render.use_motion_blur = True
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    extraction = extract_scene(
+        depsgraph, set_frame=lambda frame, part: scene_with_camera.frame_set(frame, subframe=part)
+    )
+    assert [str(warning) for warning in extraction.warnings] == ["hair stands still in motion blur"]
+
+
 def test_a_view_layer_without_strands_shows_none(scene_with_camera: Any) -> None:
     add_curves(scene_with_camera)
     add_furry_square(scene_with_camera)
