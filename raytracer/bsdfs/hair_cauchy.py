@@ -29,6 +29,7 @@ from typing import Self
 
 import numpy as np
 
+from raytracer.arrays.rows import repeat_column
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import make_frame, normalize
 from raytracer.bsdfs.bounce_kinds import GLOSSY, TRANSMITTED
@@ -56,11 +57,11 @@ class CauchyHair(HairLobes):
 
     @property
     def reflection(self) -> Floats:
-        return np.repeat(1.0 - self.passes[:, np.newaxis], 3, axis=1)
+        return repeat_column(1.0 - self.passes)
 
     @property
     def transmission(self) -> Floats:
-        return np.repeat(self.passes[:, np.newaxis], 3, axis=1)
+        return repeat_column(self.passes)
 
     @property
     def albedo(self) -> Floats:

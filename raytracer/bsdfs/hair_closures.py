@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raytracer.arrays.rows import take_rows
+from raytracer.arrays.rows import repeat_column, scale_vectors, take_rows
 from raytracer.bsdfs.closures import Closures, Points
 from raytracer.bsdfs.hair import find_tangents
 from raytracer.bsdfs.hair_cauchy import CauchyHair, limit_width
@@ -23,7 +23,7 @@ def add_hair(closures: Closures, points: Points) -> list[ChiangHair]:
     return [
         ChiangHair(
             hit=points.rows,
-            weight=np.repeat(closures.weight[:, np.newaxis], 3, axis=1),
+            weight=repeat_column(closures.weight),
             normal=normal,
             tangent=find_tangents(points.vectors["tangent"], normal),
             across=closures.across,
@@ -52,7 +52,7 @@ def _make_cauchy(closures: Closures, points: Points, passes: bool) -> list[Cauch
     return [
         CauchyHair(
             hit=points.rows,
-            weight=closures.weight[:, np.newaxis] * closures.color,
+            weight=scale_vectors(closures.color, closures.weight),
             normal=normal,
             tangent=find_tangents(points.vectors["tangent"], normal),
             along=limit_width(closures.roughness),
