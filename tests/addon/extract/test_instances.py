@@ -207,8 +207,9 @@ def test_ray_visibility_is_kept_or_leaves_out(scene_with_camera: Any) -> None:
     assert not extraction.warnings
 
 
-def test_what_has_no_surface_is_named_once_and_left_out(scene_with_camera: Any) -> None:
+def test_what_cannot_be_shown_is_named_once_and_left_out(scene_with_camera: Any) -> None:
     volume = bpy.data.objects.new("Fog", bpy.data.volumes.new("Fog"))
+    volume.data.filepath = "//missing.vdb"
     hair = bpy.data.objects.new("Fur", bpy.data.hair_curves.new("Fur"))
     for shown in (volume, hair):
         scene_with_camera.collection.objects.link(shown)
