@@ -30,6 +30,8 @@ SHORT_PASS_NAMES = {
     "Transmission Direct": "TransDir",
     "Transmission Indirect": "TransInd",
     "Transmission Color": "TransCol",
+    "Volume Direct": "VolumeDir",
+    "Volume Indirect": "VolumeInd",
     "Emission": "Emit",
     "Environment": "Env",
     "Ambient Occlusion": "AO",
