@@ -18,7 +18,7 @@ from blend_scenes import building
 def build() -> None:
     """Fill the scene: a floor, haze, a spot, and four things that light goes through."""
     building.start_scene()
-    building.set_world((0.35, 0.45, 0.7), 0.15)
+    building.set_world((0.35, 0.45, 0.7), 0.35)
     add_haze()
     slate = building.make_shader("Slate", "Diffuse", (0.2, 0.2, 0.22))
     building.link_object("Floor", building.make_backdrop("Floor", 24, 9, 8, 2.0), (0, 2.5, 0), materials=[slate])
@@ -27,10 +27,10 @@ def build() -> None:
     add_fire()
     add_glass()
     building.add_light(
-        "Beam", "SPOT", 2500, (-4.2, -0.6, 4.6), (-0.9, 0.3, 0.8), (1.0, 0.85, 0.65),
+        "Beam", "SPOT", 4000, (-4.2, -0.6, 4.6), (-0.9, 0.3, 0.8), (1.0, 0.85, 0.65),
         spot_size=0.42, spot_blend=0.2, shadow_soft_size=0.05,
     )  # fmt: skip
-    building.add_light("Back", "AREA", 150, (3.0, 3.2, 3.4), (0.4, 0, 0.6), (0.6, 0.75, 1.0), shape="DISK", size=1.5)
+    building.add_light("Back", "AREA", 300, (3.0, 3.2, 3.4), (0.4, 0, 0.6), (0.6, 0.75, 1.0), shape="DISK", size=1.5)
     building.add_camera((0, -7.0, 2.0), (0.1, 0, 0.85), 50)
     building.allow_bounces("volume", 2)
 
@@ -59,7 +59,7 @@ def add_node(tree: Any, kind: str, inputs: dict[str, Any] | None = None, **prope
 def add_haze() -> None:
     """Thin air everywhere, which shows where the lamp shines."""
     tree = open_tree(bpy.context.scene.world)
-    haze = add_node(tree, "ShaderNodeVolumeScatter", {"Density": 0.035, "Anisotropy": 0.3, "Color": (1, 1, 1, 1)})
+    haze = add_node(tree, "ShaderNodeVolumeScatter", {"Density": 0.025, "Anisotropy": 0.3, "Color": (1, 1, 1, 1)})
     tree.links.new(haze.outputs[0], tree.nodes["World Output"].inputs["Volume"])
 
 
@@ -81,7 +81,7 @@ def fill(tree: Any, node: Any) -> None:
 def find_billows(tree: Any, scale: float, size: float) -> Any:
     """Return an output of noise, 0 to 1, that fades towards a distance of `size` from the object's origin."""
     place = add_node(tree, "ShaderNodeTexCoord").outputs["Object"]
-    noise = add_node(tree, "ShaderNodeTexNoise", {"Vector": place, "Scale": scale, "Detail": 3.0}).outputs[0]
+    noise = add_node(tree, "ShaderNodeTexNoise", {"Vector": place, "Scale": scale, "Detail": 1.0}).outputs[0]
     far = add_node(tree, "ShaderNodeVectorMath", {"Vector": place}, operation="LENGTH").outputs["Value"]
     inside = add_node(tree, "ShaderNodeMapRange", {"Value": far, "From Max": size, "To Min": 0.35, "To Max": -0.25})
     thick = add_node(tree, "ShaderNodeMath", operation="ADD")
@@ -134,8 +134,8 @@ def add_smoke() -> None:
 def add_fire() -> None:
     """A flame: a black body, hotter where the noise is denser."""
     material, tree = make_material("Fire")
-    heat = find_billows(tree, 2.6, 0.8)
-    warm = add_node(tree, "ShaderNodeMapRange", {"Value": heat, "To Max": 1500.0})
+    heat = find_billows(tree, 2.6, 0.9)
+    warm = add_node(tree, "ShaderNodeMapRange", {"Value": heat, "To Max": 2800.0})
     inputs = {"Density": 0.0, "Blackbody Intensity": 1.0, "Temperature": warm.outputs[0]}
     fill(tree, add_node(tree, "ShaderNodeVolumePrincipled", inputs))
     cube = building.make_mesh("Fire", bmesh.ops.create_cube, size=1.6)
