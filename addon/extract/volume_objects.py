@@ -38,8 +38,6 @@ DOMAIN_GRIDS = {
     "temperature": ("temperature_grid", 1),
     "velocity": ("velocity_grid", 3),
 }
-# Up to this alpha colors stay as they are stored, as in Cycles (kernel/geom/volume.h).
-SMALLEST_ALPHA = 1e-6
 # Those that are as coarse as the simulation, where its noise adds detail to the others.
 COARSE = ("heat", "velocity")
 
@@ -143,19 +141,8 @@ def read_domain(
         flat = np.empty(len(stored), dtype=np.float32)
         stored.foreach_get(flat)
         values = np.swapaxes(flat.reshape(*size[::-1], width), 0, 2)  # x runs fastest
-        found[name] = separate(values), find_cells(shown.data, size)
+        found[name] = np.ascontiguousarray(values if width > 1 else values[..., 0]), find_cells(shown.data, size)
     return found
-
-
-def separate(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return voxels (x, y, z, k) as (x, y, z) where k is 1, and as (x, y, z, 3) colors, which Blender stores times
-    their alpha, where it is 4."""
-    if values.shape[3] == 1:
-        return np.ascontiguousarray(values[..., 0])
-    if values.shape[3] == 4:
-        alpha = values[..., 3:]
-        values = np.divide(values[..., :3], alpha, out=values[..., :3].copy(), where=alpha > SMALLEST_ALPHA)
-    return np.ascontiguousarray(values)
 
 
 def find_cells(mesh: Any, size: NDArray[Any]) -> NDArray[np.float64]:

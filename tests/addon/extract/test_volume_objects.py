@@ -201,7 +201,9 @@ def test_cells_of_smoke_lie_in_the_texture_space() -> None:
     assert values[1, 0, 0].tolist() == [3, 4, 5]
 
 
-def test_colors_of_smoke_are_stored_times_their_alpha() -> None:
-    cells = np.zeros((2, 1, 1, 4), dtype=np.float32)
-    cells[0, 0, 0] = (0.25, 0.5, 0.0, 0.5)
-    assert volume_objects.separate(cells)[:, 0, 0].tolist() == [[0.5, 1.0, 0.0], [0.0, 0.0, 0.0]]
+def test_colors_of_smoke_keep_their_alpha() -> None:
+    domain = make_domain(color_grid=Stored(np.arange(8 * 24 * 4.0)))
+    shown = SimpleNamespace(data=SimpleNamespace(texspace_size=(1, 1, 1), texspace_location=(0, 0, 0)))
+    values, _ = volume_objects.read_domain(domain, shown, ("color",))["color"]
+    assert values.shape == (4, 6, 8, 4)
+    assert values[1, 0, 0].tolist() == [4, 5, 6, 7]
