@@ -24,6 +24,7 @@ BOUNCE_LIMITS = {
     "diffuse_bounces": "diffuse_bounces",
     "glossy_bounces": "glossy_bounces",
     "transmission_bounces": "transmission_bounces",
+    "volume_bounces": "volume_bounces",
     "transparent_bounces": "transparent_max_bounces",
 }
 # What trades light for less noise, and what Cycles calls it.
@@ -175,6 +176,9 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
     glossy_bounces: _bounce_limit("Glossy", "reflections by mirrors and glossy surfaces", 4)  # type: ignore[valid-type]
     transmission_bounces: _bounce_limit(  # type: ignore[valid-type]
         "Transmission", "passages through glass and translucent surfaces", 12
+    )
+    volume_bounces: _bounce_limit(  # type: ignore[valid-type]
+        "Volume", "scattering inside of volumes; 0 shows the light that is scattered once", 0
     )
     transparent_bounces: _bounce_limit(  # type: ignore[valid-type]
         "Transparent", "straight passages through transparent surfaces, which do not count as bounces", 8

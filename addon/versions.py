@@ -30,6 +30,8 @@ SHORT_PASS_NAMES = {
     "Transmission Direct": "TransDir",
     "Transmission Indirect": "TransInd",
     "Transmission Color": "TransCol",
+    "Volume Direct": "VolumeDir",
+    "Volume Indirect": "VolumeInd",
     "Emission": "Emit",
     "Environment": "Env",
     "Ambient Occlusion": "AO",
@@ -287,3 +289,9 @@ def split_bake_primitives(values: NDArray[np.float32]) -> tuple[NDArray[np.int32
     """
     triangle, first = (1, 2) if values.shape[1] == 4 else (2, 0)
     return values.view(np.int32)[:, triangle].copy(), values[:, first : first + 2].copy()
+
+
+def read_voxel_interpolation(material: Any) -> str:
+    """Return how a material, or None, reads between voxels: "linear" or "cubic"; Cycles has the choice, where it is
+    switched on."""
+    return str(getattr(getattr(material, "cycles", None), "volume_interpolation", "LINEAR")).lower()

@@ -44,11 +44,12 @@ def start_scene(width: int = 640, height: int = 400, view_transform: str = "AgX"
     return scene
 
 
-def allow_glossy_bounces(count: int) -> None:
-    """Raise the limit of glossy bounces, for both engines; the add-on need not be there to find its setting later."""
-    scene = bpy.context.scene
-    scene.cycles.glossy_bounces = count
-    scene["reference_raytracer"] = {"glossy_bounces": count}
+def allow_bounces(kind: str, count: int) -> None:
+    """Raise the limit of glossy bounces, or of another kind, for both engines; the add-on need not be there to find its
+    setting later."""
+    scene, name = bpy.context.scene, f"{kind}_bounces"
+    setattr(scene.cycles, name, count)
+    scene["reference_raytracer"] = {name: count}
 
 
 def save_scene(path: Path) -> None:

@@ -10,7 +10,7 @@ from blend_scenes import building
 def build() -> None:
     """Fill the scene: two tall mirrors, almost parallel, and between them a bust on a chequered floor."""
     building.start_scene()
-    building.allow_glossy_bounces(12)
+    building.allow_bounces("glossy", 12)
     building.set_world((0.75, 0.82, 1.0), 0.25)
     tiles = [
         building.make_shader("Cream tile", "Diffuse", (0.7, 0.62, 0.5)),

@@ -33,8 +33,9 @@ FLOORS = {
         ),
     ),
     "addon": (
-        *("interrupts", "versions", "passes", "properties", "editors", "handlers", "extract", "scripting", "scanning"),
+        *("interrupts", "versions", "passes", "properties", "editors", "handlers", "voxels", "extract", "scripting"),
         *(
+            "scanning",
             "denoising",
             "viewport",
             "engine",

@@ -28,7 +28,7 @@ PRECISIONS = ("certified", "float64", "float32")
 # With --error and no --samples: as many as Cycles takes with a noise threshold.
 SAMPLES_FOR_ERROR = 4096
 # What --bounces sets.
-BOUNCES = ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces")
+BOUNCES = ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces")
 JSON_KEYS = (
     *("passes", "width", "height", "samples", "triangles", "rays"),
     *("build_seconds", "trace_seconds", "total_seconds", "peak_memory_mb", "warnings"),

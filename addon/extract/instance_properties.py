@@ -22,7 +22,8 @@ from raytracer.textures.noise import LARGEST_WORD, hash_words
 from .attributes import ATTRIBUTE_TYPES
 from .custom_properties import Color, find_first, find_property
 from .meshes import read_array, read_attribute
-from .shaders.node_settings import GIVEN_GENERATED, GIVEN_UV, INSTANCER, OBJECT, PARTICLE
+from .shaders.node_settings import GIVEN_GENERATED, GIVEN_UV, INSTANCER, OBJECT, PARTICLE, SPACE
+from .texture_space import read_texture_space
 
 # What fills `persistent_id` beyond the levels that an instance lies in.
 NO_LEVEL = 2**31 - 1
@@ -67,6 +68,8 @@ class InstanceReader:
             return np.array([*instance.uv, 0.0, 1.0]) if given else np.zeros(4)
         if kind == GIVEN_GENERATED:  # as Cycles scales it
             return np.array([*(0.5 * np.array(instance.orco) - 0.5), 1.0]) if given else np.zeros(4)
+        if kind == SPACE:
+            return np.array([*getattr(read_texture_space(instance.object), name.lower()), 1.0])
         if kind == PARTICLE:
             return read_particle(instance, name, self._frame)
         own = (instance.object, instance.object.data)

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
-from raytracer.textures.noise import hash_words
 
 from .. import versions
+from ..voxels.process import VoxelReader
 from .attributes import read_point_attributes
 from .custom_properties import Color
 from .instance_properties import InstanceReader
@@ -29,17 +29,13 @@ from .linking import Linked, read_linking
 from .mesh_table import MeshEntry, MeshTable
 from .meshes import Points, extract_points, open_mesh
 from .motion import Tracks
-from .shaders.material_table import MaterialTable
+from .random_numbers import fill_random, pack_name, read_random
+from .shaders.material_table import MaterialKey, MaterialTable
 from .shaders.nodes import WarningContext
 from .strands import Strands, extract_curves, extract_hair, list_hair, list_particles
+from .volume_objects import is_volume, list_grids, read_geometry
 from .warnings import Warning, WarningList
 
-# Blender's random numbers of instances and of names are whole, 0 to this.
-LARGEST_WORD = 2**32 - 1
-
-# What is left out, and the filter of view layers that would do so. Grease Pencil is not: Blender itself draws it over
-# the pictures of all engines.
-UNSUPPORTED_TYPES = {"VOLUME": ("volumes", "use_volumes")}
 RAY_VISIBILITY = {
     "visible_camera": "camera",
     "visible_diffuse": "diffuse",
@@ -63,6 +59,7 @@ class ObjectEntry:
     light.
 
     terminator : Blender's offsets of the shadow terminator, of geometry and of shading
+    density_by_scale : True for a volume whose density is by metre of object space
     light_factor : of a light, what its nodes make of it
     name_word : what Cycles makes of the object's name, for its random number where it is no instance
     properties : names of those that its materials, or the nodes of a light, read of instances
@@ -83,6 +80,7 @@ class ObjectEntry:
     name_word: int = 0
     terminator: tuple[float, float] = (0.0, 0.0)
     properties: frozenset[str] = frozenset()
+    density_by_scale: bool = False
 
 
 # What an ObjectEntry is called from one extraction to the next: `session_uid` of object and instancer, the data's
@@ -95,14 +93,14 @@ class PartEntry:
     """An ObjectEntry, and what its numbers stand for.
 
     mesh : its mesh, or None for points and strands
-    materials : `session_uid` of the material of each used slot, 0 for the default grey
+    materials : what the material of each used slot is called
     attributes : names of those that the materials read
     sources : `session_uid` of the other data-blocks that it was read from
     """
 
     part: ObjectEntry
     mesh: MeshEntry | None
-    materials: tuple[int, ...]
+    materials: tuple[MaterialKey, ...]
     attributes: tuple[str, ...]
     sources: tuple[int, ...]
     warnings: tuple[Warning, ...]
@@ -135,6 +133,7 @@ class Context:
     entries : what this one leaves to the next
     tracks : notes what may move; None where nothing shall
     is_render, thick_strands : the depsgraph's mode; True for strands that are round
+    voxels : reads those of volumes
     """
 
     view_layer: Any
@@ -147,6 +146,7 @@ class Context:
     tracks: Tracks | None = None
     is_render: bool = True
     thick_strands: bool = False
+    voxels: VoxelReader = field(default_factory=VoxelReader)
 
     @property
     def shows_strands(self) -> bool:
@@ -190,31 +190,8 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
             if context.tracks is not None:
                 note = context.tracks.note if part.strands is None else context.tracks.pass_over
                 note(instance, source, instancer, part.mesh)
-    fill_random(placements)
+    fill_random(placements.random, [placements.parts[index].name_word for index in placements.part])
     return placements
-
-
-def fill_random(placements: Placements) -> None:
-    """Give objects that are no instances, NaN so far, Cycles' number of their names, 0 to 1 (blender/object.cpp)."""
-    rows = [row for row, number in enumerate(placements.random) if math.isnan(number)]
-    words = [placements.parts[placements.part[row]].name_word for row in rows]
-    hashed = hash_words(np.array(words, dtype=np.uint32), 0) / LARGEST_WORD  # all at once: NumPy's calls cost
-    for row, number in zip(rows, hashed.tolist(), strict=True):
-        placements.random[row] = number
-
-
-def read_random(word: int) -> float:
-    """Return an instance's random number, 0 to 1, as Cycles divides it (scene/object.cpp): of 32 bits without a sign,
-    which Python gets with one."""
-    return (word % 2**32) / LARGEST_WORD
-
-
-def pack_name(name: str) -> int:
-    """Return the 32 bits that Cycles makes of a name before it mixes them (util/hash.h: hash_string)."""
-    word = 0
-    for byte in name.encode():
-        word = (word * 37 + byte) % 2**32
-    return word
 
 
 def list_parts(shown: Any, source: Any, instancer: Any, what: tuple[bool, bool], context: Context) -> list[ObjectEntry]:
@@ -228,18 +205,19 @@ def list_parts(shown: Any, source: Any, instancer: Any, what: tuple[bool, bool],
 
 def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> ObjectEntry | None:
     """Return what to show of an object, or None; as in the last extraction where nothing of it changed."""
-    if shown.type == "CURVES" and not context.shows_strands:
+    of_voxels = context.materials is not None and is_volume(shown)
+    if (of_voxels and not context.view_layer.use_volumes) or (shown.type == "CURVES" and not context.shows_strands):
         return None
-    if shown.type not in ("MESH", "POINTCLOUD", "CURVES"):
-        return make_other_part(shown, source, context)
-    if shown.type == "MESH" and not context.shows_surfaces:
+    if not of_voxels and shown.type not in ("MESH", "POINTCLOUD", "CURVES"):
+        return make_light_part(shown, source, context) if shown.type == "LIGHT" else None
+    if shown.type == "MESH" and not of_voxels and not context.shows_surfaces:
         warn_left_out(source, context.warnings)
         return None
     key = source.original.session_uid, instancer.original.session_uid, shown.data.as_pointer()
     entry = context.kept.parts.get(key)
     entry = renew_part(entry, source, context) if entry else None
     if entry is None:
-        entry = make_part(shown, source, instancer, context)
+        entry = make_part(shown, source, instancer, context, of_voxels)
     if entry is None:
         return None
     context.entries[key] = entry
@@ -251,19 +229,19 @@ def renew_part(last: PartEntry, source: Any, context: Context) -> PartEntry | No
     kept, materials = context.kept, context.materials
     if materials is None or not kept.trusts_parts or not kept.trusts(*last.sources):
         return None
-    if not all(materials.can_reuse(identity, source.name) for identity in last.materials):
+    if not all(materials.can_reuse(key, source.name) for key in last.materials):
         return None
     context.warnings.include(last.warnings)
     entry = context.meshes.reuse(source, last.mesh) if last.mesh else None
-    indices = tuple(materials.reuse(identity) for identity in last.materials)
+    indices = tuple(materials.reuse(key) for key in last.materials)
     if entry is None:
         return last.renumber(None, indices[0])
     return last.renumber(context.meshes.find_index(entry, None, indices, last.attributes), last.part.material)
 
 
-def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> PartEntry | None:
-    """Return what to show of an object with a mesh, points or strands, or None: nothing in it, or hidden from all
-    rays."""
+def make_part(shown: Any, source: Any, instancer: Any, context: Context, of_voxels: bool) -> PartEntry | None:
+    """Return what to show of an object with a mesh, points, strands or voxels, or None: nothing in it, or hidden from
+    all rays."""
     own = WarningList()
     seen_by = find_visibility(shown, instancer, context.view_layer)
     if seen_by:
@@ -276,6 +254,8 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         return None
     part = describe_object(shown, source, instancer, context, seen_by)
     sources = tuple(found.session_uid for found in (source.original, instancer.original, source.original.data))
+    if of_voxels:
+        return make_volume_part(part, shown, source, sources, own, context)
     if points is not None:
         materials = find_materials(shown, source, (0,), context)
         names = list_attributes(materials, context)
@@ -283,7 +263,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         return PartEntry(
             replace(part, material=materials[0], points=points, properties=list_properties(materials, context)),
             None,
-            identify(materials, context),
+            list_keys(materials, context),
             tuple(names),
             sources,
             own.records,
@@ -296,7 +276,7 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context) -> Part
         names = list_attributes(materials, context)
         index = context.meshes.find_index(entry, mesh, materials, names)
     part = replace(part, mesh=index, properties=list_properties(materials, context))
-    return PartEntry(part, entry, identify(materials, context), tuple(names), sources, own.records)
+    return PartEntry(part, entry, list_keys(materials, context), tuple(names), sources, own.records)
 
 
 def describe_object(shown: Any, source: Any, instancer: Any, context: Context, seen_by: int) -> ObjectEntry:
@@ -381,12 +361,41 @@ def make_strand_part(
     part = describe_object(*objects, context, find_visibility(shown, instancer, context.view_layer))
     part = replace(part, material=materials[0], strands=strands, properties=list_properties(materials, context))
     identities = tuple(each.session_uid for each in sources)
-    return PartEntry(part, None, identify(materials, context), tuple(names), identities, own.records)
+    return PartEntry(part, None, list_keys(materials, context), tuple(names), identities, own.records)
 
 
-def identify(materials: tuple[int, ...], context: Context) -> tuple[int, ...]:
-    """Return the `session_uid` of materials, given by number."""
-    return tuple(context.materials.find_identity(index) for index in materials) if context.materials else ()
+def make_volume_part(
+    part: ObjectEntry, shown: Any, source: Any, sources: tuple[int, ...], own: WarningList, context: Context
+) -> PartEntry | None:
+    """Return what to show of a volume: of its materials the first that says what is inside; None without voxels."""
+    assert context.materials is not None
+    before = len(own.records)
+    grids, override = list_grids(shown, source.name, own), context.view_layer.material_override
+    context.warnings.include(own.records[before:])
+    if not grids:
+        return None
+    slots = tuple(range(max(1, len(shown.material_slots))))
+    found = context.materials.find_slots(shown.material_slots, slots, override, source.name, grids)
+    material = next((index for index in found if context.materials.records[index].volume is not None), None)
+    if material is None:
+        return None
+    names, interpolation = context.materials.find_grids(material)
+    entry = context.meshes.find_volume(
+        source,
+        (shown.data.as_pointer(), names, interpolation),
+        lambda last, warnings: read_geometry(shown, source.name, names, interpolation, context.voxels, warnings, last),
+    )
+    if entry.geometry is None:
+        return None
+    index = context.meshes.find_index(entry, None, (material,), ())
+    in_object_space = shown.type == "VOLUME" and shown.data.render.space == "OBJECT"
+    part = replace(part, mesh=index, properties=list_properties((material,), context), density_by_scale=in_object_space)
+    return PartEntry(part, entry, list_keys((material,), context), (), sources, own.records)
+
+
+def list_keys(materials: tuple[int, ...], context: Context) -> tuple[MaterialKey, ...]:
+    """Return what materials, given by number, are called."""
+    return tuple(context.materials.find_key(index) for index in materials) if context.materials else ()
 
 
 def list_attributes(materials: tuple[int, ...], context: Context) -> set[str]:
@@ -397,15 +406,6 @@ def list_attributes(materials: tuple[int, ...], context: Context) -> set[str]:
 def list_properties(materials: tuple[int, ...], context: Context) -> frozenset[str]:
     """Return the names of the properties of instances that materials, given by number, read."""
     return context.materials.list_properties(materials) if context.materials else frozenset()
-
-
-def make_other_part(shown: Any, source: Any, context: Context) -> ObjectEntry | None:
-    """Return a light's ObjectEntry, or None for what is not shown."""
-    if shown.type in UNSUPPORTED_TYPES:
-        kind, filter_name = UNSUPPORTED_TYPES[shown.type]
-        if getattr(context.view_layer, filter_name):
-            context.warnings.add(f"{kind} are not supported, left out", source.name)
-    return make_light_part(shown, source, context) if shown.type == "LIGHT" else None
 
 
 def find_materials(shown: Any, source: Any, used_slots: tuple[int, ...], context: Context) -> tuple[int, ...]:

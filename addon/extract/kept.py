@@ -70,7 +70,7 @@ class Kept:
         materials : its MaterialTable
         """
         self.parts, self.meshes = parts, meshes
-        self.materials = {entry.identity: entry for entry in materials.entries if not entry.moves}
+        self.materials = {entry.key: entry for entry in materials.entries if not entry.moves}
         self.images = materials.images.silent
         self.changes = None
 

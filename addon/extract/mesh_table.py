@@ -6,7 +6,7 @@ What is read and turns out to be the same stays the same arrays, so that trees o
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,14 +29,14 @@ RecordKey = tuple[tuple[int, ...], tuple[tuple[str, int], ...]]
 class MeshEntry:
     """One evaluated mesh.
 
-    pointer : its address, which tells it from others of the same extraction
+    pointer : its address, which tells it from others of the same extraction; of a volume, with what is read of it
     geometry : its triangles, or None where it has none
     attributes : what materials read of it, by name; None = it has none of that name
     records : the scene's meshes made of it
     last : the same mesh in the last extraction, if it had the same triangles
     """
 
-    pointer: int
+    pointer: Hashable
     geometry: Geometry | None
     warnings: tuple[Warning, ...]
     attributes: dict[str, Values | None] = field(default_factory=dict)
@@ -51,7 +51,7 @@ class MeshTable:
         self.records: list[raytracer.Mesh] = []
         self.geometries: list[Geometry] = []
         self.entries: dict[MeshKey, MeshEntry] = {}
-        self._by_pointer: dict[int, MeshEntry] = {}
+        self._by_pointer: dict[Hashable, MeshEntry] = {}
         self._indices: dict[int, int] = {}
         self._count: Counter[int] = Counter()
         self._with_uvs, self._warnings, self._kept = with_uvs, warnings, kept or Kept()
@@ -70,6 +70,23 @@ class MeshTable:
             else:
                 entry = self._read(source, pointer, mesh, last)
             self._add(key, entry)
+        return self._by_pointer[pointer]
+
+    def find_volume(
+        self, source: Any, pointer: Hashable, read: Callable[[Geometry | None, WarningList], Geometry | None]
+    ) -> MeshEntry:
+        """Return the entry of a volume.
+
+        pointer : its data's address, with what is read of it
+        read : makes its geometry, or returns that of the last extraction, which it is given, where it is the same
+        """
+        if pointer not in self._by_pointer:
+            key, own = self._make_key(source), WarningList()
+            last = self._kept.meshes.get(key)
+            before = None if last is None else last.geometry
+            geometry = read(before, own)
+            is_same = geometry is not None and geometry is before
+            self._add(key, MeshEntry(pointer, geometry, own.records, last=last if is_same else None))
         return self._by_pointer[pointer]
 
     def reuse(self, source: Any, last: MeshEntry) -> MeshEntry:

@@ -35,6 +35,8 @@ CURVE_SIZE = 256
 # Of what the Vector pass tells: the frame before, this one and the next.
 STEPS_OF_NEIGHBORS = 3
 
+# What moves; voxels do so as a whole.
+MOVING_TYPES = ("MESH", "POINTCLOUD", "VOLUME")
 # `session_uid` of the object, its instancer, the kind of data, and which of the instancer's instances it is.
 TrackKey = tuple[int, int, str, tuple[int, ...]]
 # Called with a frame, a whole number, and what is behind its point, to have the depsgraph show it.
@@ -109,12 +111,12 @@ class Tracks:
         """Note an instance that is placed; mesh : the number of its mesh among the scene's, None for what has none."""
         shown = instance.object
         steps = self.steps or count_steps(shown, instancer)
-        if not steps or shown.type not in ("MESH", "POINTCLOUD"):
+        if not steps or shown.type not in MOVING_TYPES:
             self.keys.append(None)
             return
         key = find_key(instance, source, instancer)
         deforms = mesh not in self.deforming and (self.steps is not None or use_deformation(shown, instancer))
-        deforms = deforms and source.is_deform_modified(self.scene, "RENDER")
+        deforms = deforms and shown.type != "VOLUME" and source.is_deform_modified(self.scene, "RENDER")
         track = Track(steps, deforms, source.name, mesh is not None)
         if deforms and mesh is not None:
             self.deforming.add(mesh)
@@ -135,7 +137,7 @@ class Tracks:
         """Read matrices and shapes as the depsgraph shows them at a time."""
         for instance in depsgraph.object_instances:
             shown = instance.object
-            if shown.type not in ("MESH", "POINTCLOUD") or not instance.show_self:
+            if shown.type not in MOVING_TYPES or not instance.show_self:
                 continue
             source = instance.instance_object if instance.is_instance else shown
             instancer = instance.parent if instance.is_instance else shown

@@ -94,6 +94,7 @@ def place_parts(
         random=np.array([placements.random[row] for row in meshes]) if with_info else None,
         color=np.array([part.color for part in parts]).reshape(-1, 4) if with_info else None,
         properties=_gather_properties([placements.properties[row] for row in meshes]),
+        volume_density=_measure_density(parts, matrices[np.asarray(meshes, dtype=np.intp)]),
     )
     objects = (*(part.object for part in parts), *sphere_objects, *curve_objects)
     records = instances, tuple(spheres), tuple(curves), tuple(lights)
@@ -133,6 +134,18 @@ def _gather_offset(parts: list[ObjectEntry], number: int) -> NDArray[np.float64]
     """Return an offset of the shadow terminator of each part; None where all are 0."""
     offset = np.array([part.terminator[number] for part in parts])
     return offset if offset.any() else None
+
+
+def _measure_density(parts: list[ObjectEntry], matrices: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the factors (i,) of volumes whose density is by metre of object space, 1 for others; None where all are.
+
+    As in Cycles (scene/object.cpp, object_volume_density): the inverse of how long the diagonal of a cube becomes.
+    """
+    by_scale = np.array([part.density_by_scale for part in parts], dtype=np.bool_)
+    if not by_scale.any():
+        return None
+    diagonal = np.linalg.norm(matrices[:, :3, :3].sum(axis=2), axis=1) / np.sqrt(3.0)  # (i,)
+    return np.divide(1.0, diagonal, out=np.ones(len(parts)), where=by_scale & (diagonal > 0))
 
 
 def place_points(part: ObjectEntry, world_from_object: NDArray[np.float64], warnings: WarningList) -> raytracer.Spheres:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +14,7 @@ import raytracer
 from raytracer.film.passes import list_aovs
 
 from .. import versions
+from ..voxels.process import VoxelReader
 from .camera import extract_camera
 from .custom_properties import read_layer_of
 from .displacing import displace_meshes
@@ -136,13 +138,15 @@ def _extract_scene(
     materials = None if geometry_only else MaterialTable(warnings, last, frame, list_aovs(passes))
     meshes = MeshTable("UV" in passes, warnings, last)
     warn_missing(depsgraph, warnings)
-    context = Context(
-        *(view_layer, meshes, materials, warnings, space, last),
-        tracks=tracks,
-        is_render=depsgraph.mode == "RENDER",
-        thick_strands=shows_thick(scene),
-    )
-    placements = walk_instances(depsgraph, context)
+    with closing(VoxelReader()) as voxels:
+        context = Context(
+            *(view_layer, meshes, materials, warnings, space, last),
+            tracks=tracks,
+            is_render=depsgraph.mode == "RENDER",
+            thick_strands=shows_thick(scene),
+            voxels=voxels,
+        )
+        placements = walk_instances(depsgraph, context)
     images = materials.images if materials else None
     with_info, shapes = materials is not None and materials.read_object_info, None
     if materials is not None and len(placements.part) > 1:

@@ -19,6 +19,7 @@ from .shaders.images import ImageTable
 from .shaders.materials import read_shine
 from .shaders.nodes import WarningContext, read_color
 from .shaders.programs import ProgramBuilder
+from .shaders.volumes import VolumeBuilder, read_volume
 from .warnings import WarningList
 
 # Cycles' flags of a world, and the classes of rays that they stand for.
@@ -41,18 +42,18 @@ def extract_world(
     output = versions.find_output_node(node_tree)
     if output is None:
         return None
-    if output.inputs["Volume"].is_linked:
-        place.warn("volume is not supported, left out")
     images = images or ImageTable()
+    volume = read_volume(output.inputs["Volume"], VolumeBuilder(place, images, is_world=True))
     builder = ProgramBuilder(place, images)
     shine = read_shine(output.inputs["Surface"], builder)
     written = read_aovs(node_tree, aovs, ProgramBuilder(place, images))
     if shine is None:
-        return None if written is None else raytracer.World(0.0, aovs=written)
+        return None if written is None and volume is None else raytracer.World(0.0, aovs=written, volume=volume)
     seen_by = find_world_visibility(world)
     if isinstance(shine, Register):
-        return raytracer.World(shine, Program(builder.steps), seen_by, versions.read_world_bounces(world), written)
-    return raytracer.World(shine, seen_by=seen_by, aovs=written)
+        limit = versions.read_world_bounces(world)
+        return raytracer.World(shine, Program(builder.steps), seen_by, limit, written, volume)
+    return raytracer.World(shine, seen_by=seen_by, aovs=written, volume=volume)
 
 
 def find_world_visibility(world: Any) -> int:

@@ -17,7 +17,6 @@ from ..properties import ENGINE
 # Built-in panels marked BLENDER_RENDER for what the engine does not follow, or replaced by a better one of its own.
 LEFT_OUT = (
     "DATA_PT_light",
-    "DATA_PT_volume_render",
     "EEVEE_MATERIAL_PT_viewport_settings",
     "NODE_DATA_PT_light",
 )
@@ -30,6 +29,7 @@ BORROWED = (
     "DATA_PT_camera_dof_aperture",
     "EEVEE_MATERIAL_PT_context_material",
     "EEVEE_MATERIAL_PT_surface",
+    "EEVEE_MATERIAL_PT_volume",
     "MATERIAL_PT_preview",
 )
 

@@ -14,7 +14,7 @@ from ..extract.world import WORLD_VISIBILITY
 from .shared import EnginePanel, split
 
 # Objects that rays can meet.
-VISIBLE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "POINTCLOUD", "LIGHT"}
+VISIBLE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "POINTCLOUD", "VOLUME", "LIGHT"}
 
 
 def can_be_seen(thing: Any) -> bool:
@@ -57,8 +57,8 @@ class RAYTRACER_LIGHT_PT_nodes(EnginePanel, bpy.types.Panel):
         draw_nodes(self.layout, context.light)
 
 
-def draw_nodes(layout: Any, owner: Any) -> None:
-    """Draw the nodes that feed the surface of a light or of a world, as Blender does."""
+def draw_nodes(layout: Any, owner: Any, socket: str = "Surface") -> None:
+    """Draw the nodes that feed a socket of the output of a light or of a world, as Blender does."""
     layout.use_property_split = True
     tree = versions.find_node_tree(owner)
     if tree is None:
@@ -68,7 +68,7 @@ def draw_nodes(layout: Any, owner: Any) -> None:
     if output is None:
         layout.label(text="No output node")
         return
-    layout.template_node_view(tree, output, output.inputs["Surface"])
+    layout.template_node_view(tree, output, output.inputs[socket])
 
 
 class RAYTRACER_OBJECT_PT_shadow_catcher(EnginePanel, bpy.types.Panel):
@@ -142,6 +142,8 @@ class RAYTRACER_MATERIAL_PT_settings(EnginePanel, bpy.types.Panel):
         column = split(self)
         column.prop(context.material, "use_transparent_shadow", text="Transparent Shadows")
         column.prop(context.material, "pass_index")
+        if hasattr(context.material, "cycles"):  # which can be disabled
+            column.prop(context.material.cycles, "volume_interpolation", text="Volume Interpolation")
 
 
 class RAYTRACER_WORLD_PT_preview(EnginePanel, bpy.types.Panel):
@@ -174,6 +176,22 @@ class RAYTRACER_WORLD_PT_surface(EnginePanel, bpy.types.Panel):
         draw_nodes(self.layout, context.world)
         if versions.find_node_tree(context.world) is None:
             self.layout.prop(context.world, "color")
+
+
+class RAYTRACER_WORLD_PT_volume(EnginePanel, bpy.types.Panel):
+    """The shader nodes of what fills all space; EEVEE's panel would stand above Preview."""
+
+    bl_label = "Volume"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        has_nodes = context.world is not None and versions.find_node_tree(context.world) is not None
+        return has_nodes and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        draw_nodes(self.layout, context.world, "Volume")
 
 
 class RAYTRACER_WORLD_PT_ray_visibility(EnginePanel, bpy.types.Panel):
@@ -235,6 +253,7 @@ CLASSES = (
     RAYTRACER_MATERIAL_PT_settings,
     RAYTRACER_WORLD_PT_preview,
     RAYTRACER_WORLD_PT_surface,
+    RAYTRACER_WORLD_PT_volume,
     RAYTRACER_WORLD_PT_ray_visibility,
     RAYTRACER_WORLD_PT_settings,
     RAYTRACER_WORLD_PT_light_group,

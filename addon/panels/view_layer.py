@@ -79,6 +79,7 @@ class RAYTRACER_VIEWLAYER_PT_filter(EnginePanel, bpy.types.Panel):
         column, layer = split(self).column(heading="Include"), context.view_layer
         column.prop(layer, "use_sky", text="Environment")
         column.prop(layer, "use_solid", text="Surfaces")
+        column.prop(layer, "use_volumes", text="Volumes")
 
 
 class RAYTRACER_VIEWLAYER_PT_override(EnginePanel, bpy.types.Panel):

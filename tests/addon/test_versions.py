@@ -8,6 +8,7 @@ import bpy
 import pytest
 
 from addon import versions
+from addon.passes import switch as switch_on
 
 pytestmark = pytest.mark.blender
 
@@ -23,6 +24,8 @@ SWITCHES = {
     "use_pass_transmission_direct": "Transmission Direct",
     "use_pass_transmission_indirect": "Transmission Indirect",
     "use_pass_transmission_color": "Transmission Color",
+    "cycles.use_pass_volume_direct": "Volume Direct",
+    "cycles.use_pass_volume_indirect": "Volume Indirect",
     "use_pass_emit": "Emission",
     "use_pass_environment": "Environment",
     "use_pass_ambient_occlusion": "Ambient Occlusion",
@@ -39,7 +42,7 @@ def test_pass_names_are_those_of_cycles(empty_scene: Any) -> None:
     empty_scene.cycles.use_denoising = False
     view_layer = empty_scene.view_layers[0]
     for switch in SWITCHES:
-        setattr(view_layer, switch, True)
+        switch_on(view_layer, switch, True)
     names = {name for name, _, _ in list_render_passes(empty_scene, view_layer)}
     assert {versions.blender_pass_name(name) for name in SWITCHES.values()} <= names
 

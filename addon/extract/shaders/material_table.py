@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import raytracer
 from raytracer.shading.displacement import Displacement
@@ -21,25 +21,38 @@ from .images import ImageTable
 from .materials import extract_material, list_properties, read_displacement
 from .node_settings import DEFAULT_UV
 from .nodes import WarningContext
+from .volumes import make_default_volume
 
 # Operations that read the random number or the color of an object.
 OBJECT_READERS = frozenset(f"OBJECT_INFO {output}" for output in ("Color", "Alpha", "Random"))
+
+
+class MaterialKey(NamedTuple):
+    """What a material is called from one extraction to the next.
+
+    identity : its `session_uid`, 0 for the default one
+    grids : names of those of the objects that have it: a program reads a grid that is there otherwise than none; None
+        for surfaces, whose default is another one than that of volumes
+    """
+
+    identity: int
+    grids: frozenset[str] | None = None
 
 
 @dataclass(frozen=True)
 class MaterialEntry:
     """One material.
 
-    identity : its `session_uid`, 0 for the default grey
     object_name : where it was met first, which its warnings say
-    attributes, properties : names of those of meshes and of instances that it reads
+    attributes, grids, properties : names of those of meshes and of instances that it reads
     warnings : what could not be honoured
     displacement : what moves its surface, or None
     aovs : the passes that it was read for
+    interpolation : between the voxels of grids
     moves : True where it shows an image sequence or properties of the view layer, which change though nothing says so
     """
 
-    identity: int
+    key: MaterialKey
     object_name: str
     record: raytracer.Material
     attributes: frozenset[str]
@@ -48,6 +61,8 @@ class MaterialEntry:
     properties: frozenset[str] = frozenset()
     displacement: Displacement | None = None
     aovs: tuple[str, ...] = ()
+    grids: frozenset[str] = frozenset()
+    interpolation: str = "linear"
 
 
 class MaterialTable:
@@ -61,7 +76,7 @@ class MaterialTable:
     ) -> None:
         self._aovs = aovs
         self.entries: list[MaterialEntry] = []
-        self._indices: dict[int, int] = {}
+        self._indices: dict[MaterialKey, int] = {}
         self._warnings, self._kept = warnings, kept or Kept()
         self.images = ImageTable(self._kept, frame)
 
@@ -69,57 +84,71 @@ class MaterialTable:
     def records(self) -> list[raytracer.Material]:
         return [entry.record for entry in self.entries]
 
-    def find_index(self, material: Any, object_name: str) -> int:
-        """Return the index of an evaluated material, or of Cycles' default, grey, for None."""
-        identity = material.original.session_uid if material is not None else 0
-        if not self.can_reuse(identity, object_name):
-            self._add(self._read(material, identity, object_name))
-        return self.reuse(identity)
+    def find_index(self, material: Any, object_name: str, grids: frozenset[str] | None = None) -> int:
+        """Return the index of an evaluated material, or of Cycles' default for None.
 
-    def can_reuse(self, identity: int, object_name: str) -> bool:
+        grids : the names of those of a volume; None for a surface
+        """
+        key = MaterialKey(material.original.session_uid if material is not None else 0, grids)
+        if not self.can_reuse(key, object_name):
+            self._add(self._read(material, key, object_name))
+        return self.reuse(key)
+
+    def can_reuse(self, key: MaterialKey, object_name: str) -> bool:
         """True where a material is known, or is as it was in the last extraction."""
-        last = self._kept.materials.get(identity)
-        if identity in self._indices or last is None:
-            return identity in self._indices
+        last = self._kept.materials.get(key)
+        if key in self._indices or last is None:
+            return key in self._indices
         says_same = not last.warnings or last.object_name == object_name
-        return says_same and last.aovs == self._aovs and self._kept.trusts_materials and self._kept.trusts(identity)
+        is_same = self._kept.trusts_materials and self._kept.trusts(key.identity)
+        return says_same and last.aovs == self._aovs and is_same
 
-    def reuse(self, identity: int) -> int:
+    def reuse(self, key: MaterialKey) -> int:
         """Return the index of a material that can be reused."""
-        if identity not in self._indices:
-            self._add(self._kept.materials[identity])
-        return self._indices[identity]
+        if key not in self._indices:
+            self._add(self._kept.materials[key])
+        return self._indices[key]
 
-    def _read(self, material: Any, identity: int, object_name: str) -> MaterialEntry:
+    def _read(self, material: Any, key: MaterialKey, object_name: str) -> MaterialEntry:
         own, sequences, layer = WarningList(), self.images.sequences, find_layer()
         reads, displacement = layer.reads, None
-        if material is None:
+        if material is None and key.grids is not None:
+            record = make_default_volume(self.images, key.grids)
+        elif material is None:
             record = raytracer.Material((raytracer.Closure(versions.default_shader(), color=GREY),), name="default")
         else:
-            record = extract_material(material, object_name, self.images, own, self._aovs)
+            record = extract_material(material, object_name, self.images, own, self._aovs, key.grids)
             place = WarningContext(own, object_name, material.name)
             displacement = read_displacement(material, place, self.images)
-        programs = list(record.programs)
+        inside = None if record.volume is None else record.volume.program
+        programs = [program for program in record.programs if program is not inside]
         attributes: set[str] = set()
         if displacement is not None:
             programs.append(displacement.program)
             attributes = {VERTEX_NORMAL, SMOOTH}
         attributes |= {name for program in programs for name in list_attributes(program)}
+        programs += [] if inside is None else [inside]
         properties = frozenset(name for program in programs for name in list_properties(program))
         moves = self.images.sequences > sequences or layer.reads > reads
         return MaterialEntry(
-            *(identity, object_name, record, frozenset(attributes), own.records, moves, properties, displacement),
+            *(key, object_name, record, frozenset(attributes), own.records, moves, properties, displacement),
             aovs=self._aovs,
+            grids=frozenset() if inside is None else frozenset(list_attributes(inside)),
+            interpolation=versions.read_voxel_interpolation(material),
         )
 
     def _add(self, entry: MaterialEntry) -> None:
-        self._indices[entry.identity] = len(self.entries)
+        self._indices[entry.key] = len(self.entries)
         self.entries.append(entry)
         self._warnings.include(entry.warnings)
 
-    def find_identity(self, index: int) -> int:
-        """Return the `session_uid` of a material, 0 for the default grey."""
-        return self.entries[index].identity
+    def find_key(self, index: int) -> MaterialKey:
+        """Return what a material is called from one extraction to the next."""
+        return self.entries[index].key
+
+    def find_grids(self, index: int) -> tuple[frozenset[str], str]:
+        """Return the names of the grids that a material reads, and how it does so between their voxels."""
+        return self.entries[index].grids, self.entries[index].interpolation
 
     def list_attributes(self, indices: Sequence[int]) -> set[str]:
         """Return the names of the mesh attributes that some of the materials read, or that tangents are made of."""
@@ -143,11 +172,20 @@ class MaterialTable:
         programs += [each.program for each in self.displacements.values()]
         return any(step.operation in OBJECT_READERS for program in programs for step in list_steps(program))
 
-    def find_slots(self, slots: Any, used: Sequence[int], override: Any, object_name: str) -> tuple[int, ...]:
+    def find_slots(
+        self,
+        slots: Any,
+        used: Sequence[int],
+        override: Any,
+        object_name: str,
+        grids: frozenset[str] | None = None,
+    ) -> tuple[int, ...]:
         """Return the material index of each slot number in `used`; numbers beyond the last slot mean the last.
 
         slots : an object's material slots (data- or object-linked)
         override : the view layer's material for everything, or None
+        grids : names of those of a volume; None for a surface
         """
         chosen = [slot.material for slot in slots] or [None]
-        return tuple(self.find_index(override or chosen[min(slot, len(chosen) - 1)], object_name) for slot in used)
+        found = (override or chosen[min(slot, len(chosen) - 1)] for slot in used)
+        return tuple(self.find_index(material, object_name, grids) for material in found)

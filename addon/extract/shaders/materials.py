@@ -1,13 +1,13 @@
 """Materials: shader nodes to sums of weighted closures, and a program for all that varies over a surface.
 
-The walk starts at the active output and ends at closures (`closures`); Mix and Add Shader fold into weights. All
-of a scene's materials stand in `material_table`.
+The walk (`mixing`) starts at the active output and ends at closures (`closures`); Mix and Add Shader fold into weights.
+What is inside of a surface, `volumes` reads. All of a scene's materials stand in `material_table`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Collection, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +21,10 @@ from ..warnings import WarningList
 from .aovs import read_aovs
 from .closures import CLOSURE_READERS, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
-from .nodes import Groups, Source, WarningContext, find_link, find_source, identify, read_color, read_links_once
+from .mixing import FedShader, read_parts
+from .nodes import Groups, WarningContext, find_link, read_color
 from .programs import ProgramBuilder
+from .volumes import VolumeBuilder, read_volume
 
 # Pixels between the places where Cycles takes the height of a displacement, whatever Bump nodes say.
 FILTER_WIDTH = 0.1
@@ -31,81 +33,8 @@ PROPERTY_READERS = frozenset(f"OBJECT_PROPERTY {output}" for output in ("Vector"
 
 
 def read_shader(socket: Any, groups: Groups, weight: Value, builder: ProgramBuilder) -> list[raytracer.Closure]:
-    """Return the weighted closures that feed a shader socket; none where nothing is linked to it.
-
-    A shader that reaches the socket on several ways is read once, with the sum of their weights.
-    """
-    with read_links_once():
-        return list(read_closures(FedShader.find(socket, groups), weight, builder))
-
-
-def read_closures(root: FedShader, weight: Value, builder: ProgramBuilder) -> Iterator[raytracer.Closure]:
-    """Yield the weighted closures of `read_shader`."""
-    order = order_shaders(root)
-    weights: dict[Any, Value] = {shader.key: weight for shader in order[:1]}
-    for shader in order:
-        weight = weights.get(shader.key, 0.0)
-        if isinstance(weight, float) and weight == 0:
-            continue
-        if shader.is_mixed:
-            inputs = NodeInputs(shader.node, shader.source.groups, builder)
-            for mixed, share in zip(shader.list_mixed(), read_weights(inputs, weight), strict=True):
-                if mixed.exists:
-                    weights[mixed.key] = builder.sum(weights[mixed.key], share) if mixed.key in weights else share
-        else:
-            yield read_closure(shader, weight, builder)
-
-
-class FedShader(NamedTuple):
-    """A shader, and the input that it feeds.
-
-    socket, groups : the input, and the group nodes that it lies in
-    source : what feeds it
-    """
-
-    socket: Any
-    groups: Groups
-    source: Source
-
-    @classmethod
-    def find(cls, socket: Any, groups: Groups) -> FedShader:
-        return cls(socket, groups, find_source(socket, groups))
-
-    @property
-    def exists(self) -> bool:
-        return self.source.socket is not None and self.source.socket.is_output
-
-    @property
-    def key(self) -> tuple[int, ...]:
-        return identify(self.source.socket, self.source.groups)
-
-    @property
-    def node(self) -> Any:
-        return self.source.socket.node
-
-    @property
-    def is_mixed(self) -> bool:
-        return self.node.type in ("MIX_SHADER", "ADD_SHADER")
-
-    def list_mixed(self) -> list[FedShader]:
-        """Return the two shaders of a Mix or an Add Shader."""
-        return [self.find(socket, self.source.groups) for socket in self.node.inputs[-2:]]
-
-
-def order_shaders(root: FedShader) -> list[FedShader]:
-    """Return the shaders behind `root`, each once: first those that mix others, else in the order of the sockets."""
-    order: list[FedShader] = []
-    seen: set[Any] = set()
-    stack = [(root, False)]
-    while stack:
-        shader, is_done = stack.pop()
-        if is_done:
-            order.append(shader)
-        elif shader.exists and shader.key not in seen:
-            seen.add(shader.key)
-            stack.append((shader, True))
-            stack.extend((mixed, False) for mixed in (shader.list_mixed() if shader.is_mixed else ()))
-    return order[::-1]
+    """Return the weighted closures that feed a shader socket; none where nothing is linked to it."""
+    return read_parts(socket, groups, weight, builder, read_closure)
 
 
 def read_closure(shader: FedShader, weight: Value, builder: ProgramBuilder) -> raytracer.Closure:
@@ -118,15 +47,6 @@ def read_closure(shader: FedShader, weight: Value, builder: ProgramBuilder) -> r
     fields = CLOSURE_READERS.get(shader.node.type, read_stand_in)(inputs)
     warn_unsupported(inputs)
     return raytracer.Closure(weight=weight, **fields)
-
-
-def read_weights(inputs: NodeInputs, weight: Value) -> tuple[Value, Value]:
-    """Return the weights of the two shaders of a Mix or an Add Shader."""
-    if inputs.node.type == "ADD_SHADER":
-        return weight, weight
-    share = inputs.limited("Fac", 0.0, 1.0)
-    builder = inputs.builder
-    return builder.multiply(weight, builder.complement(share)), builder.multiply(weight, share)
 
 
 def read_shine(socket: Any, builder: ProgramBuilder) -> Value | None:
@@ -143,19 +63,39 @@ def read_shine(socket: Any, builder: ProgramBuilder) -> Value | None:
 
 
 def extract_material(
-    material: Any, object_name: str, images: ImageTable, warnings: WarningList, aovs: Sequence[str] = ()
+    material: Any,
+    object_name: str,
+    images: ImageTable,
+    warnings: WarningList,
+    aovs: Sequence[str] = (),
+    grids: Collection[str] | None = None,
 ) -> raytracer.Material:
-    """Return one evaluated Blender material; `object_name` is where it was met first, `aovs` passes that it may write.
+    """Return one evaluated Blender material.
 
     Without nodes it is diffuse of the viewport color, as in Cycles.
+
+    Parameters
+    ----------
+    object_name : where it was met first
+    aovs : passes that it may write
+    grids : names of those of the volumes that it is read for, which have no surface; None for surfaces
     """
     place = WarningContext(warnings, object_name, material.name)
     builder = ProgramBuilder(place, images, material.pass_index)
     node_tree = versions.find_node_tree(material)
+    output = None if node_tree is None else versions.find_output_node(node_tree)
+    volume, has_surface = None, False
+    if output is not None:
+        inside = VolumeBuilder(place, images, material.pass_index, grids or ())
+        volume, has_surface = read_volume(output.inputs["Volume"], inside), output.inputs["Surface"].is_linked
+    if grids is not None:
+        if has_surface and volume is not None:
+            place.warn("a volume has no surface, what is linked to Surface is left out")
+        return raytracer.Material(name=material.name, pass_index=material.pass_index, volume=volume, only_volume=True)
     if node_tree is None:
         closures = [raytracer.Closure("diffuse", color=read_color(material.diffuse_color))]
     else:
-        closures = read_output(versions.find_output_node(node_tree), builder)
+        closures = read_output(output, builder)
     normal = None if node_tree is None else read_bump(material, node_tree, builder)
     return raytracer.Material(
         closures,
@@ -165,6 +105,8 @@ def extract_material(
         transparent_shadow=material.use_transparent_shadow,
         normal=normal,
         aovs=read_aovs(node_tree, aovs, ProgramBuilder(place, images, material.pass_index)),
+        volume=volume,
+        only_volume=volume is not None and not has_surface,
     )
 
 
@@ -229,10 +171,8 @@ def read_output(output: Any, builder: ProgramBuilder) -> list[raytracer.Closure]
     if output is None:
         place.warn("no output node, the surface is black")
         return []
-    surface, volume = output.inputs["Surface"], output.inputs["Volume"]
-    if volume.is_linked:
-        place.warn(f"{volume.name} is not supported, left out")
-    if volume.is_linked and not surface.is_linked:
+    surface = output.inputs["Surface"]
+    if output.inputs["Volume"].is_linked and not surface.is_linked:
         return [raytracer.Closure("transparent", color=1.0)]
     closures = read_shader(surface, (), 1.0, builder)
     if surface.is_linked and not closures:

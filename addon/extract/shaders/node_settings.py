@@ -30,6 +30,9 @@ ISLAND, POINTINESS = "random per island", "pointiness"
 # What materials read of instances: kinds of properties, whose names follow, and what an instancer gives its instances.
 OBJECT, INSTANCER, PARTICLE = "OBJECT", "INSTANCER", "PARTICLE"
 GIVEN_GENERATED, GIVEN_UV = "GIVEN_GENERATED", "GIVEN_UV"
+# And what turns places in object space into Generated coordinates, where there is no surface to interpolate them on.
+SPACE = "SPACE"
+SPACE_SCALE, SPACE_OFFSET = f"{SPACE} Scale", f"{SPACE} Offset"
 
 Settings = dict[str, Any]
 
@@ -70,12 +73,13 @@ def find_passed(node: Any, output: str) -> str | None:
 
 
 def read_attribute_name(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
-    """Attribute, Color Attribute, UV Map and Texture Coordinate: which attribute they read."""
+    """Attribute, Color Attribute, UV Map, Texture Coordinate and Volume Info: which attribute they read."""
     names = {
         "ATTRIBUTE": lambda: node.attribute_name,
         "VERTEX_COLOR": lambda: node.layer_name or DEFAULT_COLOR,
         "UVMAP": lambda: node.uv_map or DEFAULT_UV,
         "TEX_COORD": lambda: GENERATED if output == "Generated" else DEFAULT_UV,
+        "VOLUME_INFO": output.lower,
     }
     return {"name": names[node.type]()}
 

@@ -271,6 +271,8 @@ ALIASES = {
     **{f"PARTICLE_INFO {output}": "OBJECT_PROPERTY Vector" for output in ("Location", "Velocity", "Angular Velocity")},
     "TEX_COORD Generated": "ATTRIBUTE Vector",
     "TEX_COORD UV": "ATTRIBUTE Vector",
+    "VOLUME_INFO Color": "ATTRIBUTE Vector",
+    **{f"VOLUME_INFO {output}": "ATTRIBUTE Fac" for output in ("Density", "Flame", "Temperature")},
 }
 
 

@@ -114,6 +114,8 @@ def test_casts_heed_no_filter(filled: Any) -> None:
 @pytest.mark.parametrize(("option", "kind"), [("use_volumes", "volumes")])
 def test_what_the_layer_leaves_out_needs_no_warning(filled: Any, option: str, kind: str) -> None:
     data = getattr(bpy.data, kind).new("Left out")
+    if kind == "volumes":
+        data.filepath = "//missing.vdb"
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("Left out", data))
     assert [warning.object for warning in extract().warnings] == ["Left out"]
     setattr(filled, option, False)

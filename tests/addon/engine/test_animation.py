@@ -148,7 +148,8 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
     monkeypatch.setattr(engine, "RenderOutput", Output)
     monkeypatch.setattr(engine.raytracer, "render", render)
     smoke = bpy.data.objects.new("Smoke", bpy.data.volumes.new("Smoke"))
-    stage.collection.objects.link(smoke)  # a render would warn
+    smoke.data.filepath = "//missing.vdb"  # a render would warn
+    stage.collection.objects.link(smoke)
     engine.statistics.forget_all()
     engine.render_view_layer(preview, bpy.context.evaluated_depsgraph_get())
     assert (asked["samples"], asked["workers"]) == (engine.PREVIEW_SAMPLES, 1)

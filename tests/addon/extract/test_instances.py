@@ -207,8 +207,10 @@ def test_ray_visibility_is_kept_or_leaves_out(scene_with_camera: Any) -> None:
     assert not extraction.warnings
 
 
-def test_what_has_no_surface_is_named_once_and_left_out(scene_with_camera: Any) -> None:
-    scene_with_camera.collection.objects.link(bpy.data.objects.new("Fog", bpy.data.volumes.new("Fog")))
+def test_what_cannot_be_shown_is_named_once_and_left_out(scene_with_camera: Any) -> None:
+    volume = bpy.data.objects.new("Fog", bpy.data.volumes.new("Fog"))
+    volume.data.filepath = "//missing.vdb"
+    scene_with_camera.collection.objects.link(volume)
     extraction = extract()
     assert not extraction.objects
     assert [warning.object for warning in extraction.warnings] == ["Fog"]

@@ -154,12 +154,17 @@ def test_world_and_light_panels_draw_their_nodes(empty_scene: Any, registered: N
     for owner in (world, light):
         if versions.find_node_tree(owner) is None:
             owner.use_nodes = True
+    for panel, name, owner, shown in (
+        (scene_data.RAYTRACER_WORLD_PT_surface, "world", world, "Surface"),
+        (scene_data.RAYTRACER_WORLD_PT_volume, "world", world, "Volume"),
+        (scene_data.RAYTRACER_LIGHT_PT_nodes, "light", light, "Surface"),
+    ):
+        (tree, output, socket) = draw(panel, **{name: owner}).views[0]
+        assert (tree, output.type, socket.name) == (owner.node_tree, f"OUTPUT_{name.upper()}", shown)
     for panel, name, owner in (
         (scene_data.RAYTRACER_WORLD_PT_surface, "world", world),
         (scene_data.RAYTRACER_LIGHT_PT_nodes, "light", light),
     ):
-        (tree, output, socket) = draw(panel, **{name: owner}).views[0]
-        assert (tree, output.type, socket.name) == (owner.node_tree, f"OUTPUT_{name.upper()}", "Surface")
         owner.node_tree.nodes.clear()
         assert draw(panel, **{name: owner}).texts == ["No output node"]
     names = draw(scene_data.RAYTRACER_WORLD_PT_ray_visibility, world=world).names
@@ -189,7 +194,7 @@ def test_ray_visibility_and_material_panels_draw_what_is_read(empty_scene: Any, 
     material = bpy.data.materials.new("Material")
     assert scene_data.RAYTRACER_MATERIAL_PT_settings.poll(SimpleNamespace(material=material, engine=ENGINE))
     names = draw(scene_data.RAYTRACER_MATERIAL_PT_settings, material=material).names
-    assert names == ["use_transparent_shadow", "pass_index"]
+    assert names == ["use_transparent_shadow", "pass_index", "volume_interpolation"]
 
 
 def test_shadow_catcher_is_shown_for_what_can_be_seen(empty_scene: Any, registered: None) -> None:
@@ -207,4 +212,4 @@ def test_override_panel_draws_what_this_blender_has(empty_scene: Any, registered
 
 
 def test_filter_panel_draws_what_the_engine_heeds(empty_scene: Any, registered: None) -> None:
-    assert draw(view_layer.RAYTRACER_VIEWLAYER_PT_filter).names == ["use_sky", "use_solid"]
+    assert draw(view_layer.RAYTRACER_VIEWLAYER_PT_filter).names == ["use_sky", "use_solid", "use_volumes"]

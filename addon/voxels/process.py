@@ -1,0 +1,123 @@
+"""The process that reads voxels: started by the first volume of an extraction, and ended with it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.processes.folders import OwnedFolder
+from raytracer.processes.python import start_process
+
+CHILD = Path(__file__).with_name("child.py")
+FOLDER_PREFIX = "raytracer_voxels_"
+# Seconds after which a process that says nothing is given up.
+SILENCE_SECONDS = 300.0
+# Why a build cannot read volumes.
+NO_OPENVDB = "this build of Blender comes without OpenVDB"
+
+Grids = dict[str, tuple[NDArray[np.float32], NDArray[np.float64]]]
+
+
+class VoxelError(Exception):
+    """A volume could not be read; the message is one sentence."""
+
+
+class VoxelReader:
+    """Reads grids of volumes; close it."""
+
+    def __init__(self) -> None:
+        self._orders = 0
+        self._files: OwnedFolder | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def read(self, volume: Any, names: Sequence[str]) -> Grids:
+        """Return by name what grids of an evaluated volume hold, of those types that nodes know: values (x, y, z) or
+        (x, y, z, 3), and the matrix (4, 4) from index to object space.
+
+        Raises
+        ------
+        VoxelError
+            If they cannot be read, with the reason.
+        """
+        if not bpy.app.build_options.openvdb:
+            raise VoxelError(NO_OPENVDB)
+        self._orders += 1
+        files = self._start()
+        path = files.path / f"{self._orders}.vdb"
+        if not volume.grids.save(filepath=str(path)):
+            raise VoxelError(f"its grids cannot be written: {volume.grids.error_message or 'Blender says no more'}")
+        self._order("\t".join((str(self._orders), *names)))
+        with np.load(path.with_suffix(".npz")) as arrays:
+            found = {
+                name: (arrays[f"values_{number}"], arrays[f"object_from_index_{number}"])
+                for number, name in enumerate(names)
+                if f"values_{number}" in arrays
+            }
+        for suffix in (".vdb", ".npz"):
+            path.with_suffix(suffix).unlink()
+        return found
+
+    def _start(self) -> OwnedFolder:
+        if self._files is None:
+            self._files = OwnedFolder(FOLDER_PREFIX)
+        if self._process is None:
+            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+            self._process = start_process([*list_command(CHILD), str(self._files.path)], **pipes)
+        return self._files
+
+    def _order(self, line: str) -> None:
+        """Have an order done; other lines are what Blender says."""
+        process = self._process
+        assert process is not None
+        assert process.stdin is not None
+        assert process.stdout is not None
+        silence = threading.Timer(SILENCE_SECONDS, process.kill)
+        silence.start()
+        try:
+            with suppress(BrokenPipeError):  # it ended: so do its answers
+                process.stdin.write(f"{line}\n".encode())
+                process.stdin.flush()
+            for said in process.stdout:
+                word, _, rest = said.decode(errors="replace").strip().partition(" ")
+                if word == "DONE":
+                    return
+                if word == "FAILED":
+                    raise VoxelError(rest.partition(" ")[2])
+        finally:
+            silence.cancel()
+        self._end()
+        raise VoxelError("the process that reads its voxels ended unexpectedly")
+
+    def _end(self) -> None:
+        if self._process is None:
+            return
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            with suppress(BrokenPipeError):
+                pipe.close()
+        self._process = None
+
+    def close(self) -> None:
+        """End the process and remove its files; may be called again."""
+        self._end()
+        if self._files is not None:
+            self._files.close()
+            self._files = None
+
+
+def list_command(child: Path) -> list[str]:
+    """Return how to run a script in a Blender of its own: this application, or Python where bpy is a module."""
+    if bpy.app.binary_path:
+        return [bpy.app.binary_path, "-b", "--factory-startup", "-noaudio", "-P", str(child), "--"]
+    return [sys.executable, str(child)]
