@@ -51,8 +51,11 @@ def test_passes_at_pixel_centres_agree(path, record_property):
     passes = compare_passes(*open_scene(path), *PASS_SIZE)
     record_property("largest_elsewhere", {name: item.largest_elsewhere for name, item in passes.items()})
     record_property("share", {name: item.share for name, item in passes.items()})
+    # Cycles cuts strands into straight pieces, and its borders come nearer to ours with more of them: 328 pixels of
+    # 57,600 differ with 2 subdivisions, 42 with 5. All other geometry is the same in both.
+    bar = PASSES_BAR if path.stem == "hair" else 0.0
     for name in ("Depth", "Position", "Object Index", "Material Index"):
-        assert passes[name].share == 0.0, name
+        assert passes[name].share <= bar, name
     assert max(item.share for item in passes.values()) <= PASSES_BAR, {k: v.share for k, v in passes.items()}
 
 

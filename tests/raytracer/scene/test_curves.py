@@ -49,7 +49,7 @@ def test_curves_count_strands_and_segments() -> None:
             r"Curves 'Fur': attribute 'a': expected values of points or of strands, got both",
         ),
         ({"world_from_object": np.ones((4, 4))}, r"Curves 'Fur': world_from_object: expected \(0, 0, 0, 1\) as the"),
-        ({"seen_by": 32}, r"Curves 'Fur': seen_by: expected numbers from 0 to 31, got 32"),
+        ({"seen_by": 64}, r"Curves 'Fur': seen_by: expected numbers from 0 to 63, got 64"),
         ({"light_set": 63}, r"Curves 'Fur': light_set: expected numbers from 0 to 62, got 63"),
     ],
 )
