@@ -25,6 +25,8 @@ LARGE = ("forest", "still_life", "terrain", "volumes")
 MITSUBA_BAR = 0.0025
 # So many pixels of a pass may differ (at this size, two: limbs, where a pixel's centre is hard to hit).
 PASSES_BAR = 0.001
+# Pixels that may differ where strands are thinner than them: the bar of pictures.
+STRANDS_BAR = 0.0025
 PASS_SIZE = (64, 36)
 PICTURE_SIZE = (48, 27)
 SMALL_SIZE = (32, 24)
@@ -53,10 +55,12 @@ def test_passes_at_pixel_centres_agree(path, record_property):
     record_property("share", {name: item.share for name, item in passes.items()})
     # Cycles cuts strands into straight pieces, and its borders come nearer to ours with more of them: 328 pixels of
     # 57,600 differ with 2 subdivisions, 42 with 5. All other geometry is the same in both.
-    bar = PASSES_BAR if path.stem == "hair" else 0.0
+    has_strands = path.stem == "hair"
+    bar = STRANDS_BAR if has_strands else 0.0
     for name in ("Depth", "Position", "Object Index", "Material Index"):
         assert passes[name].share <= bar, name
-    assert max(item.share for item in passes.values()) <= PASSES_BAR, {k: v.share for k, v in passes.items()}
+    bar = STRANDS_BAR if has_strands else PASSES_BAR
+    assert max(item.share for item in passes.values()) <= bar, {k: v.share for k, v in passes.items()}
 
 
 def test_an_object_without_material_has_cycles_default():
