@@ -185,7 +185,7 @@ class Shading:
             total[buried.hit] += mean_column(buried.weight)[:, np.newaxis] * buried.normal
         for lobes in self.lobes:
             weight = mean_column(lobes.weight) / lobes.energy_scale  # Cycles keeps that factor apart
-            total[lobes.hit] += weight[:, np.newaxis] * lobes.normal
+            total[lobes.hit] += weight[:, np.newaxis] * lobes.show_normal(take_rows(self.outgoing, lobes.hit))
         is_bent &= (total != 0).any(axis=1)
         return np.where(is_bent[:, np.newaxis], normalize(total), self.normal)
 

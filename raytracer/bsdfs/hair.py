@@ -34,6 +34,9 @@ from raytracer.lecture import cross
 LARGEST_BESSEL = 500.0
 # Light absorbed by eumelanin and pheomelanin, per radius and concentration (bsdf_util.h).
 EUMELANIN, PHEOMELANIN = np.array([0.506, 0.841, 1.653]), np.array([0.343, 0.733, 1.924])
+# The least share of light that melanin leaves, where hair is black: svm/closure.h takes as much, and 1 - melanin would
+# absorb infinitely much at 1.
+LEAST_LEFT = 1e-4
 # The colors that Chiang and others found strands to have, as ln c = sqrt(absorption) p(radial roughness): a polynomial,
 # highest power first.
 ALBEDO_FIT = (0.245, 5.574, -10.73, 2.532, -0.215, 5.969)
@@ -90,6 +93,10 @@ class HairLobes(ABC):
     def energy_scale(self) -> Floats:
         """(m,) 1: nothing is lost that `weight` would give back."""
         return np.ones(len(self))
+
+    def show_normal(self, outgoing: Floats) -> Floats:
+        """Return (m, 3) what passes of normals show where strands are seen from unit directions (m, 3)."""
+        return self.normal
 
     @property
     def reflection(self) -> Floats:
@@ -203,9 +210,9 @@ def absorb_by_melanin(melanin: Any, redness: Any) -> Floats:
     """Return the absorption (..., 3) per radius of strands that hold melanin, from 0 for none to 1 for black, of which
     `redness` is pheomelanin.
 
-    The concentration is -ln(1 - melanin), with 1e-4 for the least that is left, as in Cycles.
+    The concentration is -ln(1 - melanin), of LEAST_LEFT at least.
     """
-    amount = -np.log(np.maximum(1.0 - np.asarray(melanin, dtype=np.float64), 1e-4))
+    amount = -np.log(np.maximum(1.0 - np.asarray(melanin, dtype=np.float64), LEAST_LEFT))
     redness = np.asarray(redness, dtype=np.float64)
     dark, red = (amount * (1.0 - redness))[..., np.newaxis], (amount * redness)[..., np.newaxis]
     return np.maximum(dark * EUMELANIN + red * PHEOMELANIN, 0.0)

@@ -74,6 +74,11 @@ class ChiangHair(HairLobes):
     tilt: Floats
     ior: Floats
 
+    def show_normal(self, outgoing: Floats) -> Floats:
+        """Return the axis across strand and view: Cycles' model keeps its frame where others keep their normal
+        (kernel/closure/bsdf_principled_hair_chiang.h), and passes show that."""
+        return make_strand_frame(self.tangent, outgoing)[0]
+
     @property
     def albedo(self) -> Floats:
         return mean_column(self.estimate_color())

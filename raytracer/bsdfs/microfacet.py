@@ -100,6 +100,10 @@ class Microfacets:
         film = None if self.film is None else self.film.select(rows)
         return Microfacets(**fields, beckmann=self.beckmann, stretch=stretch, film=film)
 
+    def show_normal(self, outgoing: Floats) -> Floats:
+        """Return (m, 3) what passes of normals show: their own, whatever the unit directions (m, 3) of view."""
+        return self.normal
+
     @property
     def is_perfect(self) -> Booleans:
         """(m,) True where the lobe has a single direction per side, which only sampling can find."""

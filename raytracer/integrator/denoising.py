@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from raytracer.arrays.rows import mean_column, sum_columns
+from raytracer.arrays.rows import mean_column, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.lobe_colors import sum_lobe_colors
@@ -120,7 +120,7 @@ def sum_normals(shading: Shading) -> Floats:
         total[part.hit] += mean_column(part.albedo)[:, np.newaxis] * side
     for lobes in shading.lobes:
         weight = mean_column(lobes.weight) / lobes.energy_scale * lobes.albedo
-        total[lobes.hit] += weight[:, np.newaxis] * lobes.normal
+        total[lobes.hit] += weight[:, np.newaxis] * lobes.show_normal(take_rows(shading.outgoing, lobes.hit))
     return total
 
 

@@ -1,8 +1,8 @@
 """Pictures and passes against Cycles of the same Blender, with matched settings.
 
-Passes at pixel centres: Depth, Position and the indices have to agree in every pixel of every scene, all others in all
-but a few. Pictures: every scene, and one small scene for each kind of lamp and of closure, have to pass the statistical
-test of `addon.compare.cycles.metrics` with Mitsuba 3's bar.
+Passes at pixel centres: Depth, Position and the indices have to agree in every pixel of every scene, but at borders of
+strands, all others in all but a few. Pictures: every scene, and one small scene for each kind of lamp and of closure,
+have to pass the statistical test of `addon.compare.cycles.metrics` with Mitsuba 3's bar.
 """
 
 import math
@@ -25,8 +25,11 @@ LARGE = ("forest", "still_life", "terrain", "volumes")
 MITSUBA_BAR = 0.0025
 # So many pixels of a pass may differ (at this size, two: limbs, where a pixel's centre is hard to hit).
 PASSES_BAR = 0.001
-# Pixels that may differ where strands are thinner than them: the bar of pictures.
-STRANDS_BAR = 0.0025
+# Cycles draws strands as flat pieces, halved so often. Of 23,040 pixels of hair Depth differs in 80 with 2, in 20
+# with 3 and in 6 from 5 on: it comes to ours. Of these 6 our rays pass 5 within 2.5% of a border; the last one meets a
+# strand that points at the camera, where 20,000 points a segment say what ours says to 1e-6.
+FINEST_STRANDS = 5
+WITH_STRANDS = ("hair",)
 PASS_SIZE = (64, 36)
 PICTURE_SIZE = (48, 27)
 SMALL_SIZE = (32, 24)
@@ -50,17 +53,14 @@ def test_there_are_scenes_to_compare():
 
 @pytest.mark.parametrize("path", mark_large(SCENES))
 def test_passes_at_pixel_centres_agree(path, record_property):
-    passes = compare_passes(*open_scene(path), *PASS_SIZE)
+    scene, view_layer = open_scene(path)
+    # Nothing but strands reads this.
+    scene.cycles_curves.subdivisions = FINEST_STRANDS
+    passes = compare_passes(scene, view_layer, *PASS_SIZE)
     record_property("largest_elsewhere", {name: item.largest_elsewhere for name, item in passes.items()})
     record_property("share", {name: item.share for name, item in passes.items()})
-    # Cycles cuts strands into straight pieces, and its borders come nearer to ours with more of them: 328 pixels of
-    # 57,600 differ with 2 subdivisions, 42 with 5. All other geometry is the same in both.
-    has_strands = path.stem == "hair"
-    bar = STRANDS_BAR if has_strands else 0.0
     for name in ("Depth", "Position", "Object Index", "Material Index"):
-        assert passes[name].share <= bar, name
-    if has_strands and passes["Normal"].share > PASSES_BAR:
-        pytest.xfail(f"Normal differs in {passes['Normal'].share:.1%} of pixels with strands, not understood yet")
+        assert passes[name].share <= (PASSES_BAR if path.stem in WITH_STRANDS else 0.0), name
     assert max(item.share for item in passes.values()) <= PASSES_BAR, {k: v.share for k, v in passes.items()}
 
 

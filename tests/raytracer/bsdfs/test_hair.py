@@ -18,6 +18,7 @@ from raytracer.bsdfs.hair import (
 )
 from raytracer.bsdfs.hair_cauchy import CauchyHair
 from raytracer.bsdfs.hair_chiang import ChiangHair, find_angles, find_scale, find_variance
+from raytracer.integrator.denoising import sum_normals
 from raytracer.lecture import dot
 from tests.raytracer.bsdfs.test_bsdf import sphere_quadrature
 
@@ -162,6 +163,16 @@ def test_what_is_sampled_has_its_density(name, theta):
     mean = (value * weights[:, None]).sum(axis=0)
     error = 4.5 * np.sqrt(sample.weight.var(axis=0) / count) + 2e-3
     assert (np.abs(sample.weight.mean(axis=0) - mean) < error).all()
+
+
+def test_passes_show_the_axis_across_strand_and_view_of_chiang_and_the_normal_of_others():
+    outgoing = view(0.3, 4)
+    chiang, cauchy = make_chiang(4), make_cauchy(4, passes=False)
+    across = np.cross(chiang.tangent, outgoing)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    np.testing.assert_allclose(shade(chiang, outgoing).average_normal(), across, atol=1e-15)
+    np.testing.assert_allclose(sum_normals(shade(chiang, outgoing)), chiang.albedo[:, None] * across, atol=1e-15)
+    np.testing.assert_array_equal(shade(cauchy, outgoing).average_normal(), cauchy.normal)
 
 
 def test_samples_of_white_hair_all_weigh_one():
