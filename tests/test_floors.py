@@ -33,7 +33,8 @@ FLOORS = {
         ),
     ),
     "addon": (
-        *("interrupts", "versions", "passes", "properties", "editors", "handlers", "voxels", "extract", "scripting"),
+        *("interrupts", "versions", "passes", "properties", "editors", "handlers"),
+        *("own_blender", "voxels", "extract", "scripting"),
         *(
             "scanning",
             "denoising",

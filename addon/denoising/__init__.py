@@ -1,5 +1,5 @@
 """Noise taken out of a finished picture by OpenImageDenoise, as Blender's compositor offers it.
 
 Blender has no other door to it, and renders nothing else while an engine renders; so a Blender process of its own does
-it: `process` holds that process, `child` is what runs in it, `compositor` the scene of nodes.
+it: `process` holds that process, `compositor` is the scene of nodes in it.
 """

@@ -16,6 +16,13 @@ Pixels = NDArray[np.float32]
 INPUTS = ("Image", "Albedo", "Normal")
 
 
+def carry_out(folder: Path, number: str) -> None:
+    """Denoise the pictures FOLDER/NUMBER_INPUT.npy into FOLDER/NUMBER_Done.npy, for `own_blender.child`."""
+    paths = {name: folder / f"{number}_{name}.npy" for name in INPUTS}
+    pictures = {name: np.load(path) for name, path in paths.items() if path.exists()}
+    np.save(folder / f"{number}_Done.npy", denoise_pictures(pictures, folder / f"{number}.exr"))
+
+
 def denoise_pictures(pictures: dict[str, Pixels], file: Path) -> Pixels:
     """Return the picture "Image" without its noise.
 

@@ -8,23 +8,20 @@ from __future__ import annotations
 
 import queue
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 
-import bpy
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.processes.folders import OwnedFolder
 from raytracer.processes.python import start_process
 
+from ..own_blender.command import list_orders_command
 from ..versions import has_denoiser
 from .compositor import INPUTS
 
-CHILD = Path(__file__).with_name("child.py")
 FOLDER_PREFIX = "raytracer_denoise_"
 # Seconds without a picture until the process ends: it keeps some 300 MB.
 IDLE_SECONDS = 120.0
@@ -51,7 +48,7 @@ class Process:
         self._files = OwnedFolder(FOLDER_PREFIX)
         self._orders = 0
         self._process = start_process(
-            [*list_command(), str(self._files.path)],
+            list_orders_command("denoising.compositor", self._files.path),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -180,10 +177,3 @@ def _close() -> None:
     if _Session.process is not None:
         _Session.process.close()
         _Session.process = None
-
-
-def list_command() -> list[str]:
-    """Return how to run `child`: by this Blender application, or by Python where bpy is a module."""
-    if bpy.app.binary_path:
-        return [bpy.app.binary_path, "-b", "--factory-startup", "-noaudio", "-P", str(CHILD), "--"]
-    return [sys.executable, str(CHILD)]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import bpy
@@ -17,7 +15,8 @@ from numpy.typing import NDArray
 from raytracer.processes.folders import OwnedFolder
 from raytracer.processes.python import start_process
 
-CHILD = Path(__file__).with_name("child.py")
+from ..own_blender.command import list_orders_command
+
 FOLDER_PREFIX = "raytracer_voxels_"
 # Seconds after which a process that says nothing is given up.
 SILENCE_SECONDS = 300.0
@@ -71,7 +70,7 @@ class VoxelReader:
             self._files = OwnedFolder(FOLDER_PREFIX)
         if self._process is None:
             pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-            self._process = start_process([*list_command(CHILD), str(self._files.path)], **pipes)
+            self._process = start_process(list_orders_command("voxels.sampling", self._files.path), **pipes)
         return self._files
 
     def _order(self, line: str) -> None:
@@ -114,10 +113,3 @@ class VoxelReader:
         if self._files is not None:
             self._files.close()
             self._files = None
-
-
-def list_command(child: Path) -> list[str]:
-    """Return how to run a script in a Blender of its own: this application, or Python where bpy is a module."""
-    if bpy.app.binary_path:
-        return [bpy.app.binary_path, "-b", "--factory-startup", "-noaudio", "-P", str(child), "--"]
-    return [sys.executable, str(child)]

@@ -27,6 +27,15 @@ class Voxels(NamedTuple):
     object_from_index: NDArray[np.float64]
 
 
+def carry_out(folder: Path, number: str, *names: str) -> None:
+    """Read grids of the file FOLDER/NUMBER.vdb into FOLDER/NUMBER.npz, for `own_blender.child`."""
+    grids = read_file(folder / f"{number}.vdb", names)
+    arrays = {
+        f"{field}_{names.index(name)}": array for name, grid in grids.items() for field, array in grid._asdict().items()
+    }
+    np.savez(folder / f"{number}.npz", **arrays)
+
+
 def read_file(path: Path, names: Sequence[str]) -> dict[str, Voxels]:
     """Return the grids of a file by name; those of a type that nodes do not know are left out.
 

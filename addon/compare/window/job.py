@@ -15,6 +15,7 @@ import numpy as np
 from raytracer.processes.folders import OwnedFolder, sweep
 from raytracer.processes.python import start_process
 
+from ...own_blender.command import list_command
 from ..results import Outcome, Worst
 
 CHILD = Path(__file__).parents[1] / "child.py"
@@ -76,7 +77,7 @@ class Running:
         self._log = (self.folder / "log.txt").open("wb")
         # Nothing is ever said to its standard input: its end is how it knows of ours.
         self._process = start_process(
-            [*list_command(), str(description)], stdin=subprocess.PIPE, stdout=self._log, stderr=self._log
+            [*list_command(CHILD), str(description)], stdin=subprocess.PIPE, stdout=self._log, stderr=self._log
         )
 
     def is_done(self) -> bool:
@@ -127,10 +128,3 @@ class Running:
 def remove_abandoned() -> None:
     """Remove the files of comparisons whose Blender was killed."""
     sweep(FOLDER_PREFIX)
-
-
-def list_command() -> list[str]:
-    """Return how to run `compare.child`: by this Blender application, or by Python where bpy is a module."""
-    if bpy.app.binary_path:
-        return [bpy.app.binary_path, "-b", "--factory-startup", "-P", str(CHILD), "--"]
-    return [sys.executable, str(CHILD)]

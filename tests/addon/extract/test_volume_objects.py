@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from addon.extract import volume_objects
 from addon.extract.kept import Changes, Kept
 from addon.extract.scene import Extraction, extract_scene
+from addon.own_blender import command
 from addon.versions import VERSION
 from addon.voxels import process, sampling
 from raytracer import Grid
@@ -162,7 +163,7 @@ def test_a_layer_without_volumes_leaves_them_out(scene_with_camera: Any) -> None
 
 def test_what_cannot_be_read_is_named(scene_with_camera: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     make_cloud(scene_with_camera)
-    monkeypatch.setattr(process, "CHILD", process.CHILD.with_name("none.py"))
+    monkeypatch.setattr(command, "CHILD", command.CHILD.with_name("none.py"))
     extraction = extract()
     assert not extraction.scene.meshes
     (text,) = [str(warning) for warning in extraction.warnings]
