@@ -19,7 +19,7 @@ from raytracer.scene.lights import Light, LightNodes
 from raytracer.scene.programs import Register
 
 from .. import versions
-from .instances import ObjectEntry
+from .parts import ObjectEntry
 from .shaders.nodes import Color, WarningContext
 from .warnings import WarningList
 

@@ -13,10 +13,10 @@ from raytracer.scene.lights import Light
 
 from .custom_properties import Color
 from .instance_order import Shapes, Traits, order_instances
-from .instances import ObjectEntry, ObjectKey, Placements
 from .lights import extract_light
 from .linking import LinkSets, make_link_sets
 from .motion import PlacedPoints
+from .parts import ObjectEntry, ObjectKey, Placements
 from .warnings import WarningList
 
 # Rounding that a product of float32 matrices may leave between axes of equal length: a few parts in 2^24.

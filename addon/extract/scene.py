@@ -19,7 +19,7 @@ from .camera import extract_camera
 from .custom_properties import read_layer_of
 from .displacing import displace_meshes
 from .instance_order import Shapes
-from .instances import Context, ObjectKey, walk_instances
+from .instances import walk_instances
 from .kept import Kept
 from .left_out import warn_missing
 from .mesh_table import MeshTable
@@ -32,6 +32,7 @@ from .motion import (
     read_shutter,
     span_neighbors,
 )
+from .parts import Context, ObjectKey
 from .placing import place_parts
 from .shaders.material_table import MaterialTable
 from .strands import shows_thick

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from .. import versions
-from ..extract.instances import RAY_VISIBILITY
+from ..extract.parts import RAY_VISIBILITY
 from ..extract.world import WORLD_VISIBILITY
 from .shared import EnginePanel, split
 

@@ -18,7 +18,7 @@ from raytracer.arrays.checks import require_choice
 from raytracer.scene.fields import SEEN_BY
 
 from .. import versions
-from ..extract.instances import find_visibility
+from ..extract.parts import find_visibility
 
 VISIBILITIES = ("viewport", "render", "camera")
 

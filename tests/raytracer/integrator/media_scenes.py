@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 import raytracer
-from raytracer import Camera, Material, Mesh, Scene, Volume, VolumeClosure
+from raytracer import Camera, Material, Mesh, Program, Register, Scene, Step, Volume, VolumeClosure, World
 
 CORNERS = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64)
 # Counter-clockwise seen from outside.
@@ -52,3 +53,44 @@ def assert_close(found: Any, expected: Any, deviations: float = 4.0, least: floa
     """Fail where a mean is further from what it should be than its standard error explains."""
     mean, error = found
     assert (np.abs(mean - expected) <= deviations * error + least).all(), (mean, error, expected)
+
+
+# float32 pictures, and sums of a few exponentials.
+TOLERANCE = 1e-6
+COLORS = np.array([0.2, 0.5, 0.9])
+WHITE = World(1.0)
+# 2 (y + 1), which rises from 0 to 4 through a box of half side 1.
+RISING = Program(
+    (
+        Step("NEW_GEOMETRY Position"),
+        Step("SEPXYZ", (Register(0, "Position"),)),
+        Step("MATH", (Register(1, "Y"), 1.0, 0.0), {"operation": "ADD", "use_clamp": False}),
+        Step("MATH", (Register(2, "Value"), 2.0, 0.0), {"operation": "MULTIPLY", "use_clamp": False}),
+    )
+)
+DENSITY = Register(3, "Value")
+
+
+def absorb(density: Any = 0.7, **fields: Any) -> VolumeClosure:
+    return VolumeClosure("absorption", color=COLORS, density=density, **fields)
+
+
+def decay(depth: Any) -> Any:
+    """Return what is left of white light after so many metres of `absorb` at density 1."""
+    return np.exp(-np.asarray(depth) * (1.0 - COLORS))
+
+
+SCATTERING, ABSORPTION, ANISOTROPY = 0.6, 0.3, 0.4
+GREY = fill(VolumeClosure("coefficients", scattering=SCATTERING, absorption=ABSORPTION, anisotropy=ANISOTROPY))
+INTEGRATORS = pytest.mark.parametrize("integrator", ["direct", "path"])
+
+
+def turn(cosine: Any) -> Any:
+    g = ANISOTROPY
+    return (1.0 - g * g) / (4.0 * np.pi * (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
+
+
+def sum_midpoints(value: Any, count: int = 200_000) -> float:
+    """Return the integral of a function from y = -1 to 1."""
+    y = (np.arange(count) + 0.5) / count * 2.0 - 1.0
+    return float(value(y).mean() * 2.0)

@@ -17,17 +17,12 @@ import raytracer
 from raytracer import (
     AreaLight,
     Closure,
-    Grid,
     Instances,
     Material,
     Mesh,
     PointLight,
-    Program,
-    Register,
     Scene,
     Spheres,
-    SpotLight,
-    Step,
     SunLight,
     Volume,
     VolumeClosure,
@@ -35,32 +30,22 @@ from raytracer import (
 )
 from raytracer.integrator.integrator import prepare
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
-from tests.raytracer.integrator.media_scenes import assert_close, fill, look, make_box, measure, show
-
-# float32 pictures, and sums of a few exponentials.
-TOLERANCE = 1e-6
-COLORS = np.array([0.2, 0.5, 0.9])
-WHITE = World(1.0)
-# 2 (y + 1), which rises from 0 to 4 through a box of half side 1.
-RISING = Program(
-    (
-        Step("NEW_GEOMETRY Position"),
-        Step("SEPXYZ", (Register(0, "Position"),)),
-        Step("MATH", (Register(1, "Y"), 1.0, 0.0), {"operation": "ADD", "use_clamp": False}),
-        Step("MATH", (Register(2, "Value"), 2.0, 0.0), {"operation": "MULTIPLY", "use_clamp": False}),
-    )
+from tests.raytracer.integrator.media_scenes import (
+    COLORS,
+    DENSITY,
+    GREY,
+    INTEGRATORS,
+    RISING,
+    TOLERANCE,
+    WHITE,
+    absorb,
+    decay,
+    fill,
+    look,
+    make_box,
+    measure,
+    show,
 )
-DENSITY = Register(3, "Value")
-
-
-def absorb(density: Any = 0.7, **fields: Any) -> VolumeClosure:
-    return VolumeClosure("absorption", color=COLORS, density=density, **fields)
-
-
-def decay(depth: Any) -> Any:
-    """Return what is left of white light after so many metres of `absorb` at density 1."""
-    return np.exp(-np.asarray(depth) * (1.0 - COLORS))
-
 
 # Beer's law ----------------------------------------------------------------------------------------------------------
 
@@ -189,229 +174,6 @@ def test_borders_are_no_passages_and_are_not_described() -> None:
     assert (film["Material Index"] == 7).all()
 
 
-# Furnaces: an even world of 1 around a medium that absorbs nothing is seen as 1 ---------------------------------------
-
-WHITE_MEDIA = {
-    "even": fill(VolumeClosure("scatter", color=1.0, density=1.0)),
-    "anisotropic": fill(VolumeClosure("scatter", color=1.0, density=2.0, anisotropy=0.8)),
-    "colored": fill(VolumeClosure("coefficients", scattering=(0.2, 1.0, 3.0), phase="rayleigh")),
-    "mixed": fill(
-        VolumeClosure("scatter", color=1.0, phase="mie", diameter=5.0),
-        VolumeClosure("scatter", color=(0.1, 1.0, 0.5), phase="draine", anisotropy=-0.5),
-    ),
-    "varying": fill(VolumeClosure("scatter", color=1.0, density=DENSITY), program=RISING),
-    "varying colors": fill(VolumeClosure("scatter", color=(1.0, 0.3, 0.1), density=DENSITY), program=RISING),
-    "overlapping": fill(
-        VolumeClosure("scatter", color=1.0, density=DENSITY, anisotropy=0.5),
-        VolumeClosure("scatter", color=1.0, density=0.5),
-        program=RISING,
-    ),
-}
-
-
-@pytest.mark.parametrize("name", WHITE_MEDIA)
-def test_a_white_furnace_is_white(name: str) -> None:
-    scene = Scene(meshes=make_box(1.0), materials=WHITE_MEDIA[name], camera=look(), world=WHITE)
-    found = measure(scene, 64, max_bounces=256)
-    assert (found[1] < 0.03).all()
-    assert_close(found, 1.0)
-
-
-def test_a_white_furnace_is_white_with_surfaces_and_two_media() -> None:
-    """White matte walls, seen through a medium in a medium, reflect all as well."""
-    boxes = [make_box(1.0), make_box(0.5, (0, 0, 0.2), 1), make_box((0.2, 0.2, 2.0), (0, 0.3, 0), 2)]
-    materials = [
-        fill(VolumeClosure("scatter", color=1.0, density=0.8)),
-        fill(VolumeClosure("scatter", color=1.0, density=2.0, anisotropy=0.6)),
-        Material((Closure("diffuse", color=1.0),)),
-    ]
-    scene = Scene(meshes=boxes, materials=materials, camera=look(), world=WHITE)
-    found = measure(scene, 64, max_bounces=256)
-    assert (found[1] < 0.03).all()
-    assert_close(found, 1.0)
-
-
-# Single scattering ----------------------------------------------------------------------------------------------------
-
-SCATTERING, ABSORPTION, ANISOTROPY = 0.6, 0.3, 0.4
-GREY = fill(VolumeClosure("coefficients", scattering=SCATTERING, absorption=ABSORPTION, anisotropy=ANISOTROPY))
-INTEGRATORS = pytest.mark.parametrize("integrator", ["direct", "path"])
-
-
-def turn(cosine: Any) -> Any:
-    g = ANISOTROPY
-    return (1.0 - g * g) / (4.0 * np.pi * (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
-
-
-def sum_midpoints(value: Any, count: int = 200_000) -> float:
-    """Return the integral of a function from y = -1 to 1."""
-    y = (np.arange(count) + 0.5) / count * 2.0 - 1.0
-    return float(value(y).mean() * 2.0)
-
-
-@INTEGRATORS
-def test_a_slab_scatters_a_suns_light_once(integrator: str) -> None:
-    """Light from above comes to the ray through 1 m, at a right angle."""
-    scene = Scene(meshes=make_box(1.0), materials=GREY, camera=look(), lights=SunLight((0, 0, 1), 1.0))
-    x = SCATTERING + ABSORPTION
-    expected = sum_midpoints(lambda y: np.exp(-x * (y + 1.0)) * SCATTERING * turn(0.0) * np.exp(-x))
-    found = measure(scene, 64, max_bounces=0, integrator=integrator)
-    assert (found[1] < 0.005 * expected).all()
-    assert_close(found, expected)
-
-
-LAMPS = {
-    "near": (0.05, 0.2, 0.0),
-    "far": (0.0, 0.3, 6.0),
-}
-
-
-@INTEGRATORS
-@pytest.mark.parametrize("name", LAMPS)
-def test_a_slab_scatters_a_lamps_light_once(name: str, integrator: str) -> None:
-    """Inside of the box, next to the ray, and above it, from where the light comes through the box's top."""
-    place = np.array(LAMPS[name])
-    scene = Scene(meshes=make_box(1.0), materials=GREY, camera=look(), lights=PointLight(place, 10.0))
-    x = SCATTERING + ABSORPTION
-
-    def see(y: Any) -> Any:
-        way = place - np.stack([0.0 * y, y, 0.0 * y], axis=1)
-        distance = np.sqrt((way**2).sum(axis=1))
-        within = distance * np.minimum(1.0, 1.0 / np.maximum(place[2], 1.0))
-        light = 10.0 / (4.0 * np.pi * distance**2) * np.exp(-x * within)
-        # Light comes along -way and goes on to the camera, along -y.
-        return np.exp(-x * (y + 1.0)) * SCATTERING * turn(way[:, 1] / distance) * light
-
-    expected = sum_midpoints(see)
-    found = measure(scene, 64, max_bounces=0, integrator=integrator)
-    assert (found[1] < 0.005 * expected).all()
-    assert_close(found, expected)
-
-
-@pytest.mark.parametrize(
-    "light",
-    [
-        PointLight((0.3, 0.0, 2.0), 10.0, radius=0.5),
-        PointLight((0.3, 0.0, 2.0), 10.0, radius=0.5, soft_falloff=False),
-        PointLight((0.3, 0.0, 2.0), 10.0, radius=0.5, soft_falloff=False, blockers=1),
-        SpotLight((0.3, 0.0, 2.0), 10.0, radius=0.2, spot_size=1.0),
-        AreaLight((0.3, 0.0, 2.0), (1, 0, 0), (0, 1, 0), 10.0),
-        SunLight((0.1, 0.2, 1.0), 1.0, angle=0.5),
-    ],
-    ids=["disk", "ball", "ball with blockers", "spot", "area", "sun"],
-)
-def test_direct_and_path_see_the_same_light_of_lamps_with_extent(light: Any) -> None:
-    """By light samples alone, and with scattered rays that meet the light: the same, at no further scattering."""
-    scene = Scene(meshes=make_box(1.0), materials=GREY, camera=look(), lights=light)
-    one = measure(scene, 64, seed=1, integrator="direct", max_bounces=0)
-    other = measure(scene, 64, seed=2, integrator="path", max_bounces=0)
-    error = np.hypot(one[1], other[1])
-    assert (error < 0.02 * one[0]).all()
-    assert (np.abs(one[0] - other[0]) < 4 * error).all()
-
-
-def test_direct_and_path_see_the_same_light_of_emissive_geometry_and_a_world() -> None:
-    lamp = Material((Closure("emission", color=30.0),))
-    panel = make_box((0.3, 0.3, 0.01), (0, 0, 2.0), 1)
-    scene = Scene(meshes=[make_box(1.0), panel], materials=[GREY, lamp], camera=look(), world=World(0.2))
-    one = measure(scene, 128, seed=1, integrator="direct", max_bounces=0)
-    other = measure(scene, 128, seed=2, integrator="path", max_bounces=0)
-    error = np.hypot(one[1], other[1])
-    assert (error < 0.02 * one[0]).all()
-    assert (np.abs(one[0] - other[0]) < 4 * error).all()
-
-
-# Media that vary ------------------------------------------------------------------------------------------------------
-
-
-def test_a_rising_density_lets_through_what_its_integral_says() -> None:
-    """The integral of 2 (y + 1) from -1 to 1 is 4; seen through ratio tracking, straight and by shadow rays."""
-    smoke = fill(VolumeClosure("absorption", color=COLORS, density=DENSITY), program=RISING)
-    scene = Scene(meshes=make_box(1.0), materials=smoke, camera=look(), world=WHITE)
-    found = measure(scene, 256)
-    assert (found[1] < 0.01).all()
-    assert_close(found, decay(4.0))
-
-
-def test_a_rising_density_scatters_a_suns_light_as_quadrature_says() -> None:
-    smoke = fill(VolumeClosure("scatter", color=1.0, density=DENSITY), program=RISING)
-    sun = SunLight((0, 0, 1), 10.0)
-    scene = Scene(meshes=make_box(1.0), materials=smoke, camera=look(), lights=sun)
-    expected = sum_midpoints(
-        lambda y: np.exp(-((y + 1.0) ** 2)) * 2.0 * (y + 1.0) / (4.0 * np.pi) * 10.0 * np.exp(-2.0 * (y + 1.0))
-    )
-    found = measure(scene, 256, max_bounces=0, integrator="direct")
-    assert (found[1] < 0.02 * expected).all()
-    assert_close(found, expected)
-
-
-def test_a_rising_density_scatters_a_lamps_light_as_quadrature_says() -> None:
-    smoke = fill(VolumeClosure("scatter", color=1.0, density=DENSITY), program=RISING)
-    scene = Scene(meshes=make_box(1.0), materials=smoke, camera=look(), lights=PointLight((0, 0, 0.1), 10.0))
-
-    def see(y: Any) -> Any:
-        distance = np.sqrt(y * y + 0.01)
-        depth = distance * (2.0 + y)  # the mean of 2 (y + 1) along a straight way to y = 0
-        light = 10.0 / (4.0 * np.pi * distance**2) * np.exp(-depth)
-        return np.exp(-((y + 1.0) ** 2)) * 2.0 * (y + 1.0) / (4.0 * np.pi) * light
-
-    expected = sum_midpoints(see)
-    found = measure(scene, 256, max_bounces=0, integrator="direct")
-    assert (found[1] < 0.02 * expected).all()
-    assert_close(found, expected)
-
-
-def test_a_grid_of_voxels_is_a_density() -> None:
-    """Values 0, 1, 2 ... along y, linear between, from the first voxel's middle to the last one's."""
-    values = np.broadcast_to(np.arange(5.0)[np.newaxis, :, np.newaxis], (2, 5, 2))
-    place = np.diag([2.0, 0.5, 2.0, 1.0])
-    place[:3, 3] = -1.0
-    smoke = fill(
-        VolumeClosure("absorption", color=COLORS, density=Register(0, "Fac")),
-        program=Program((Step("ATTRIBUTE Fac", settings={"name": "density"}),)),
-    )
-    box = make_box(1.0, grids={"density": Grid(values, place)})
-    scene = Scene(meshes=box, materials=smoke, camera=look(), world=WHITE)
-    assert_close(measure(scene, 256), decay(4.0))
-
-
-def test_a_varying_emission_is_the_integral_along_the_ray() -> None:
-    """2 (y + 1) of light per metre behind an absorption of 1: the integral of 2 (y + 1) exp(-(y + 1)) is 2 - 6 e^-2."""
-    color = [Register(3, "Value")]
-    glow = VolumeClosure("coefficients", absorption=1.0, emission=color[0])
-    scene = Scene(meshes=make_box(1.0), materials=fill(glow, program=RISING), camera=look())
-    found = measure(scene, 256)
-    assert (found[1] < 0.01).all()
-    assert_close(found, 2.0 - 6.0 * np.exp(-2.0))
-
-
-def test_a_bound_that_is_too_low_costs_noise_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("raytracer.media.majorants.SPARE", 0.4)
-    smoke = fill(VolumeClosure("absorption", color=COLORS, density=DENSITY), program=RISING)
-    scene = Scene(meshes=make_box(1.0), materials=smoke, camera=look(), world=WHITE)
-    assert_close(measure(scene, 1024), decay(4.0))
-
-
-def test_a_world_that_varies_ends_far_away_and_not_before() -> None:
-    """A fog whose density falls with the height, exp(-z) from z = 0 on, seen from there: exp(-1) gets through."""
-    height = Program(
-        (
-            Step("NEW_GEOMETRY Position"),
-            Step("SEPXYZ", (Register(0, "Position"),)),
-            Step("MATH", (Register(1, "Z"), -1.0, 0.0), {"operation": "MULTIPLY", "use_clamp": False}),
-            Step("MATH", (Register(2, "Value"), 0.0, 0.0), {"operation": "MINIMUM", "use_clamp": False}),
-            Step("MATH", (Register(3, "Value"), 0.0, 0.0), {"operation": "EXPONENT", "use_clamp": False}),
-        )
-    )
-    fog = Volume(VolumeClosure("absorption", color=0.0, density=Register(4, "Value")), height)
-    matrix = np.diag([1.0, -1.0, -1.0, 1.0])
-    camera = raytracer.Camera(matrix, projection="orthographic", ortho_scale=1e-3)
-    scene = Scene(meshes=make_box(1.0, (9, 0, 1)), camera=camera, world=World(1.0, volume=fog))
-    found = measure(scene, 256)
-    assert (found[1] < 0.01).all()
-    assert_close(found, np.exp(-1.0))
-
-
 # Who sees what --------------------------------------------------------------------------------------------------------
 
 
@@ -507,7 +269,12 @@ def test_volume_passes_and_the_others_add_up() -> None:
 @pytest.mark.parametrize("most", [0, 1, 2])
 def test_scattering_has_a_limit_of_its_own(most: int) -> None:
     """Against all orders of scattering of an isotropic slab: each that may happen adds light."""
-    scene = Scene(meshes=make_box(1.0), materials=WHITE_MEDIA["even"], camera=look(), world=WHITE)
+    scene = Scene(
+        meshes=make_box(1.0),
+        materials=fill(VolumeClosure("scatter", color=1.0, density=1.0)),
+        camera=look(),
+        world=WHITE,
+    )
     found = measure(scene, 64, max_bounces=20, volume_bounces=most)
     again = measure(scene, 64, seed=5, max_bounces=most)
     assert (np.abs(found[0] - again[0]) < 4 * np.hypot(found[1], again[1])).all()
