@@ -29,9 +29,10 @@ from raytracer.film.camera import primary_rays
 from raytracer.integrator.bounces import classify_rays, find_ended
 from raytracer.integrator.contributions import add_background, add_emission, add_visible_lights, describe_path
 from raytracer.integrator.direct_light import sample_lights
-from raytracer.integrator.integrator import DEFAULT_RESOLUTION, Integrator, find_lift, light_is_on, prepare
+from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
 from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
+from raytracer.integrator.prepare import DEFAULT_RESOLUTION, light_is_on, prepare
 from raytracer.integrator.scattering import count_all, find_closed
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows, join_shadows

@@ -22,8 +22,9 @@ from raytracer.arrays.types import Floats, Integers, Vectors, Words
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.caster import Caster
 from raytracer.casting.rays import Hits, Rays
-from raytracer.integrator.integrator import Integrator, prepare
+from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.lecture import dot
 from raytracer.processes.dropping import is_dropped

@@ -18,8 +18,9 @@ from raytracer.film.film import Film
 from raytracer.film.parts import cut
 from raytracer.film.passes import find_pass, is_pass, select_passes
 from raytracer.film.pixel_filter import sample_pixel_filter
-from raytracer.integrator.integrator import Integrator, prepare
+from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import WORD_LIMIT, Settings, check_integer
 from raytracer.lights.environment import Environment
 from raytracer.lights.shared_points import choose_interleaving

@@ -19,7 +19,7 @@ from raytracer.film.film import COUNTS, Film
 from raytracer.film.passes import select_passes
 from raytracer.film.picture_key import PictureKey, describe_difference
 from raytracer.integrator.features import derive_features
-from raytracer.integrator.integrator import catches_shadows
+from raytracer.integrator.prepare import catches_shadows
 from raytracer.integrator.settings import FREE_SETTINGS, Settings, check_integer
 from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers

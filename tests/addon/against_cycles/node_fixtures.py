@@ -15,8 +15,8 @@ from addon.compare.cycles.rendering import CYCLES, Request, matched_settings, re
 from addon.extract.scene import extract_scene
 from addon.versions import VERSION, find_node_tree
 from raytracer.film.camera import primary_rays
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.sampling.sobol import SobolSamples
 
 CELL = 8  # pixels of a plane, each side

@@ -92,7 +92,7 @@ def test_filters_and_override_show_what_cycles_shows(
 
 def test_layer_without_sky_has_no_world_to_sample(filled: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     filled.use_sky = False
-    monkeypatch.setattr("raytracer.integrator.integrator.make_environment", lambda *_: pytest.fail("a world was made"))
+    monkeypatch.setattr("raytracer.integrator.prepare.make_environment", lambda *_: pytest.fail("a world was made"))
     assert extract().scene.world is None
     render_centres(4, 4)
 

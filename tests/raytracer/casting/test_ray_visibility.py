@@ -8,8 +8,8 @@ from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TR
 from raytracer.casting.ray_visibility import make_cast
 from raytracer.casting.rays import make_rays
 from raytracer.integrator.bounces import classify_rays
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL

@@ -10,8 +10,8 @@ import pytest
 import raytracer
 from raytracer.bsdfs.fresnel import dielectric_reflectance
 from raytracer.casting.rays import make_rays
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.rendering.render import render
 from raytracer.sampling.sobol import SobolSamples

@@ -19,8 +19,8 @@ from raytracer.bsdfs.bounce_kinds import (
 )
 from raytracer.casting.rays import make_rays
 from raytracer.integrator import bounces, contributions, direct_light, loop, scattering
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.materials import Closure, Material

@@ -6,8 +6,8 @@ import pytest
 import raytracer
 from raytracer.casting.rays import make_rays
 from raytracer.integrator import contributions, direct_light
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.materials import Closure, Material

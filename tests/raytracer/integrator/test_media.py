@@ -28,7 +28,7 @@ from raytracer import (
     VolumeClosure,
     World,
 )
-from raytracer.integrator.integrator import prepare
+from raytracer.integrator.prepare import prepare
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from tests.raytracer.integrator.media_scenes import (
     COLORS,

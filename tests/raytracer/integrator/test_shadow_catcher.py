@@ -9,7 +9,7 @@ import pytest
 
 import raytracer
 from raytracer.film.shown import show_shadows
-from raytracer.integrator.integrator import prepare
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.rendering.render import render
 from raytracer.scene.fields import SEEN_BY

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.integrator.integrator import prepare
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.rendering.render import render
 from raytracer.scene.fields import ALL_SETS

@@ -13,8 +13,8 @@ from raytracer.casting.ray_visibility import make_inside_cast
 from raytracer.casting.rays import Rays, make_rays
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.integrator import random_walk
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.random_walk import LAST_ANISOTROPIC, walk
 from raytracer.integrator.settings import Settings
 from raytracer.sampling.sampler import Sampler

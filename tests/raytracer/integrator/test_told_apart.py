@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, WORLD
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.sampling.warps import power_heuristic
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL

@@ -7,7 +7,7 @@ import pytest
 
 import raytracer
 from raytracer.casting.geometry import Kind, pack_geometry, world_corners
-from raytracer.integrator.integrator import prepare
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.lights.emitter_table import locate_emitters, make_emitters
 from raytracer.lights.emitters import emitter_density, pick_emitters, sample_picked

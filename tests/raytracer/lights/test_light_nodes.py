@@ -7,8 +7,8 @@ import pytest
 
 import raytracer
 from raytracer.casting.rays import make_rays
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.lights.light_nodes import find_factor, make_computed_light
 from raytracer.lights.lights import sample_light
 from raytracer.sampling.sobol import SobolSamples

@@ -6,8 +6,8 @@ import pytest
 import raytracer
 from raytracer.casting.rays import Rays, make_rays
 from raytracer.integrator import loop, shadow_rays
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.lights.lights import evaluate_light, sample_light
 from raytracer.lights.shared_points import (

@@ -23,8 +23,8 @@ from raytracer import (
 )
 from raytracer.casting.rays import Rays
 from raytracer.integrator.features import derive_features
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.shading.evaluate import OPERATIONS
 from tests import meshes
@@ -347,7 +347,7 @@ def test_constant_materials_evaluate_nothing(monkeypatch):
     def fail(*arguments):
         raise AssertionError("no program shall run")
 
-    for name in ("raytracer.shading.materials.compute_columns", "raytracer.integrator.integrator.make_site_tables"):
+    for name in ("raytracer.shading.materials.compute_columns", "raytracer.integrator.prepare.make_site_tables"):
         monkeypatch.setattr(name, fail)
     scene = Scene([quad(uvs=uvs())], materials=[WHITE], lights=[PointLight((0, 0, 3), 1.0)])
     assert not derive_features(scene).programs

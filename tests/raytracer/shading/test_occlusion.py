@@ -8,8 +8,8 @@ import pytest
 import raytracer
 from raytracer.casting.rays import make_rays
 from raytracer.integrator.bounces import classify_rays
-from raytracer.integrator.integrator import prepare
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.sobol import SobolSamples

@@ -6,8 +6,9 @@ import pytest
 import raytracer
 from raytracer.bsdfs.bsdf import fall_faster
 from raytracer.casting.rays import make_rays
-from raytracer.integrator.integrator import find_lift, prepare
+from raytracer.integrator.integrator import find_lift
 from raytracer.integrator.loop import trace
+from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.surfaces.surface import make_surface
