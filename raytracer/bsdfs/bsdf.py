@@ -1,8 +1,8 @@
 """The BSDF of a point: the mixture of all its lobes, evaluated, sampled and weighed.
 
-A point's lobes are its passage (transparency), its microfacet lobes and those of hair, and, where diffuse reflection is
-followed, its Lambertian parts; one is chosen at random, in proportion to the light it sends on. The direct-light
-integrator leaves out the last, and takes the light of diffuse surfaces by sampling lights alone.
+A point's lobes are its passage (transparency, and portals), its microfacet lobes and those of hair, and, where diffuse
+reflection is followed, its Lambertian parts; one is chosen at random, in proportion to the light it sends on. The
+direct-light integrator leaves out the last, and takes the light of diffuse surfaces by sampling lights alone.
 
 References
 ----------
@@ -11,7 +11,7 @@ E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, cha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 
 import numpy as np
@@ -24,6 +24,7 @@ from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TR
 from raytracer.bsdfs.closures import Lobes, Shading, TiltedDiffuse
 from raytracer.bsdfs.hair import HairLobes
 from raytracer.bsdfs.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
+from raytracer.bsdfs.portals import Portals, join_portals
 from raytracer.lecture import dot
 from raytracer.sampling.warps import sample_cosine_hemisphere
 
@@ -38,17 +39,20 @@ class BsdfSample:
     direction : (n, 3) float64, unit
     weight : (n, 3) float64, f |cos| / density: what the light from there counts; 0 where the path ends
     density : (n,) float64, per solid angle; inf where nothing but this lobe leads to this direction
-    kind : (n,) uint8, of the bounce (`bounce_kinds`); STRAIGHT where the ray goes straight through the surface
+    kind : (n,) uint8, of the bounce (`bounce_kinds`); STRAIGHT where the ray goes straight through the surface, or
+        through a portal
+    portals : those that rays go through, one for each ray that does; None where there are none
     """
 
     direction: Vectors
     weight: Colors
     density: Numbers
     kind: Kinds
+    portals: Portals | None = None
 
     @property
     def goes_straight(self) -> Booleans:
-        """(n,) True where the ray goes straight through the surface."""
+        """(n,) True where the ray goes straight through the surface, or through a portal."""
         return self.kind == STRAIGHT
 
     @property
@@ -71,7 +75,7 @@ def lobe_shares(shading: Shading, with_diffuse: bool = False) -> Floats:
     """Return about how much light each lobe sends on, in the columns of `lobe_probabilities`."""
     count = 1 + len(shading.lobes)
     shares = make_zeros(len(shading), count + (1 + len(shading.tilted) if with_diffuse else 0))
-    shares[:, 0] = mean_column(shading.transparency)
+    shares[:, 0] = mean_column(shading.passage)
     for column, lobes in enumerate(shading.lobes, start=1):
         shares[lobes.hit, column] = mean_column(lobes.weight) * lobes.albedo
     if with_diffuse:
@@ -217,6 +221,8 @@ def sample_bsdf(shading: Shading, probabilities: Floats, choice: Floats, pair: F
     sample = BsdfSample(-shading.outgoing, make_zeros(count), np.full(count, np.inf), np.zeros(count, dtype=np.uint8))
     straight = np.flatnonzero(lobe == 0)
     sample.weight[straight] = take_rows(shading.transparency, straight) / probabilities[straight, 0:1]
+    if shading.portals:
+        sample = enter_portals(sample, shading, straight, probabilities[straight, 0], rest[straight])
     spread = np.zeros(count, dtype=np.bool_)
     for column, lobes in enumerate(shading.lobes, start=1):
         lobes = lobes.select(lobe[lobes.hit] == column)
@@ -230,6 +236,32 @@ def sample_bsdf(shading: Shading, probabilities: Floats, choice: Floats, pair: F
         sample.density[found] = density[found]
         sample.weight[found] = take_rows(value, found) / density[found, np.newaxis]
     return sample
+
+
+def enter_portals(
+    sample: BsdfSample, shading: Shading, rows: NDArray[np.intp], probability: Floats, choice: Floats
+) -> BsdfSample:
+    """Return the sample with some of the rays that pass a surface, at `rows` (k,), sent through its portals.
+
+    probability : (k,) with which rays pass at all; choice : (k,) uniform numbers
+    """
+    shares = make_zeros(len(shading), 1 + len(shading.portals))
+    shares[:, 0] = mean_column(shading.transparency)
+    for column, part in enumerate(shading.portals, start=1):
+        shares[part.hit, column] = mean_column(part.weight)
+    shares = take_rows(shares, rows)
+    chances = shares / sum_columns(shares)[:, np.newaxis]
+    taken, _ = _choose_lobe(chances, choice)
+    sample.weight[rows] /= np.where(taken == 0, chances[:, 0], 1.0)[:, np.newaxis]
+    way, chance = np.full(len(shading), -1), np.ones(len(shading))
+    way[rows], chance[rows] = taken, probability * chances[np.arange(len(rows)), taken]
+    chosen = [
+        part.select(np.flatnonzero(way[part.hit] == column)) for column, part in enumerate(shading.portals, start=1)
+    ]
+    for part in chosen:
+        sample.direction[part.hit] = part.direction
+        sample.weight[part.hit] = part.weight / chance[part.hit, np.newaxis]
+    return replace(sample, portals=join_portals(chosen))
 
 
 def _sample_lobes(

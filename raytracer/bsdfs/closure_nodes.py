@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from raytracer.arrays.rows import repeat_column
+from raytracer.arrays.rows import any_column, repeat_column
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import reflect
 from raytracer.bsdfs.closures import Closures, Lobes, Points
@@ -37,6 +37,7 @@ from raytracer.bsdfs.fresnel import (
 from raytracer.bsdfs.hair_closures import add_hair, add_hair_reflection, add_hair_transmission
 from raytracer.bsdfs.lobes import Facets, make_lobes, read_film, read_grain, split_distributions, stretch_grain
 from raytracer.bsdfs.microfacet import Microfacets
+from raytracer.bsdfs.portals import Portals
 from raytracer.bsdfs.principled import add_matte, add_principled
 
 
@@ -152,6 +153,17 @@ def _add_refraction(closures: Closures, points: Points) -> list[Microfacets]:
     return lobes
 
 
+def _add_portal(closures: Closures, points: Points) -> list[Lobes]:
+    """Light from elsewhere: straight on where a portal has no direction."""
+    weight = _colors(closures)
+    position = points.vectors.get("position", np.full_like(weight, np.nan))
+    direction = points.vectors.get("direction", np.zeros_like(weight))
+    direction = np.where(direction.any(axis=1)[:, np.newaxis], direction, -points.outgoing)
+    open_ = np.flatnonzero(any_column(weight > 0))
+    points.portals.append(Portals(points.rows, weight, position, direction).select(open_))
+    return []
+
+
 SCATTERING: dict[str, Callable[[Closures, Points], Sequence[Lobes]]] = {
     "principled": add_principled,
     "diffuse": _add_diffuse,
@@ -169,4 +181,5 @@ SCATTERING: dict[str, Callable[[Closures, Points], Sequence[Lobes]]] = {
     "hair": add_hair,
     "hair_reflection": add_hair_reflection,
     "hair_transmission": add_hair_transmission,
+    "portal": _add_portal,
 }

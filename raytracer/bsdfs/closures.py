@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import any_column, lay_columns, mean_column, shorten_rows, take_rows
-from raytracer.arrays.types import Floats
+from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.diffuse import DiffuseShape
 from raytracer.bsdfs.hair import HairLobes
 from raytracer.bsdfs.microfacet import Microfacets, tilt_to_reflect
+from raytracer.bsdfs.portals import Portals, close_portals
 from raytracer.bsdfs.subsurface import Subsurface, split_radii
 from raytracer.lecture import dot
 from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_VECTORS, Closure
@@ -124,6 +125,7 @@ class Shading:
     frequency : (n,) float64, factor of the angle between diffuse parts' normals and light (`terminator`); None for 1
     holdout : (n,) float64, share of the surface that is a hole in the picture; None where no material has one
     subsurface : parts whose light goes on below the surface, each for some of the points
+    portals : parts that rays enter to go on elsewhere, likewise
     """
 
     normal: Floats
@@ -137,9 +139,24 @@ class Shading:
     frequency: Floats | None = None
     holdout: Floats | None = None
     subsurface: tuple[Subsurface, ...] = ()
+    portals: tuple[Portals, ...] = ()
 
     def __len__(self) -> int:
         return len(self.normal)
+
+    @property
+    def passage(self) -> Floats:
+        """(n, 3) the share of light that passes straight through, or through portals."""
+        if not self.portals:
+            return self.transparency
+        total = self.transparency.copy("K")
+        for part in self.portals:
+            total[part.hit] += part.weight
+        return total
+
+    def close_portals(self, rows: Booleans) -> Shading:
+        """Return it without the portals of some points (n,)."""
+        return dataclasses.replace(self, portals=close_portals(self.portals, rows)) if self.portals else self
 
     def sum_diffuse(self) -> Floats:
         """(n, 3) the albedo of all diffuse parts, with what is below the surface."""
@@ -201,10 +218,11 @@ class Points:
     vectors: Mapping[str, Floats] = field(default_factory=dict)
     tilted: list[TiltedDiffuse] = field(default_factory=list)
     subsurface: list[Subsurface] = field(default_factory=list)
+    portals: list[Portals] = field(default_factory=list)
 
     def select(self, part: NDArray[np.bool_]) -> Points:
         vectors = {name: take_rows(values, part) for name, values in self.vectors.items()}
-        return Points(self.rows[part], self.front[part], self.shading, vectors, self.tilted, self.subsurface)
+        return dataclasses.replace(self, rows=self.rows[part], front=self.front[part], vectors=vectors)
 
     @property
     def normal(self) -> Floats:

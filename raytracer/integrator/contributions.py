@@ -237,7 +237,7 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
             passes.add(name, paths.row[direct], (paths.throughput * color)[direct])
     for kind, identity in integrator.mattes.items():
         seen = surface.material if kind == "Material" else surface.instance
-        share = mean_column(paths.throughput[direct]) * (1.0 - mean_column(shading.transparency[direct]))
+        share = mean_column(paths.throughput[direct]) * (1.0 - mean_column(shading.passage[direct]))
         add_coverage(passes.values[matte_table(kind)], paths.row[direct], identity[seen[direct]], share)
     if "Mist" in passes.values:
         add_mist(integrator, passes, wave, direct)
@@ -245,15 +245,14 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     if not len(rows):
         return
     row = paths.row[rows]
-    stretch = wave.hits.distance[rows] * length(paths.rays.directions[rows])
-    passes.set("Depth", row, stretch / passes.depth_unit[row])
+    passes.set("Depth", row, find_depths(integrator, passes, wave, rows))
     passes.set("Position", row, surface.position[rows])
     passes.set("Object Index", row, integrator.pass_index[surface.instance[rows]])
     passes.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
     if integrator.screen_motion is not None:
         which = surface.instance[rows], surface.primitive[rows], wave.hits.barycentric[rows]
         passes.set("Vector", row, find_vectors(integrator.screen_motion, surface.position[rows], *which))
-    opaque = mean_column(shading.transparency[rows]) <= 1.0 - OPAQUE_ENOUGH
+    opaque = mean_column(shading.passage[rows]) <= 1.0 - OPAQUE_ENOUGH
     rows, row = rows[opaque], row[opaque]
     if "Normal" in passes.values:
         passes.set("Normal", row, shading.average_normal()[rows])
@@ -264,15 +263,25 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     passes.found[row] = True
 
 
+def find_depths(integrator: Integrator, passes: PathPasses, wave: Wave, rows: Indices) -> Floats:
+    """Return how far before the camera (k,) the surfaces at `rows` of a wave are that it sees."""
+    paths = wave.paths
+    stretch = wave.hits.distance[rows] * length(paths.rays.directions[rows])
+    depth = stretch / passes.depth_unit[paths.row[rows]]
+    if paths.portals is not None and integrator.measure_depth is not None:
+        moved = np.flatnonzero(paths.portals[rows])
+        depth[moved] = integrator.measure_depth(wave.surface.position[rows[moved]])
+    return depth
+
+
 def add_mist(integrator: Integrator, passes: PathPasses, wave: Wave, rows: Indices) -> None:
     """Mist thickens by a power of the distance from the camera, from where it starts to where nothing else is seen."""
     start, depth, power = integrator.settings.mist
     distance = length(wave.surface.position[rows] - integrator.eye) if integrator.eye is not None else None
     if distance is None:  # there is no eye that all rays of an orthographic camera come from
-        stretch = wave.hits.distance[rows] * length(wave.paths.rays.directions[rows])
-        distance = stretch / passes.depth_unit[wave.paths.row[rows]]
+        distance = np.abs(find_depths(integrator, passes, wave, rows))
     share = np.clip((distance - start) / depth if depth > 0 else np.sign(distance - start), 0.0, 1.0) ** power
-    opaque = mean_column(wave.paths.throughput[rows] * (1.0 - wave.shading.transparency[rows]))
+    opaque = mean_column(wave.paths.throughput[rows] * (1.0 - wave.shading.passage[rows]))
     passes.add("Mist", wave.paths.row[rows], (-(1.0 - share) * opaque)[:, np.newaxis])
 
 
@@ -337,6 +346,7 @@ def describe_rays(paths: Paths, distance: Floats | float) -> LightPath:
             "length": travelled - paths.rays.t_min * unit,
             "travelled": travelled,
             "transparent_depth": paths.passages.astype(np.float64),
+            **({} if paths.portals is None else {"portal_depth": paths.portals.astype(np.float64)}),
         }
     )
 

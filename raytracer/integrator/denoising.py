@@ -21,6 +21,7 @@ from raytracer.arrays.rows import mean_column, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.lobe_colors import sum_lobe_colors
+from raytracer.bsdfs.portals import close_portals
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.paths import PathPasses, Paths, Wave
 from raytracer.lecture import length
@@ -90,6 +91,7 @@ def leave_transparency(shading: Shading, rows: Booleans) -> Shading:
         diffuse=np.where(rows[:, np.newaxis], 0.0, shading.diffuse),
         lobes=tuple(lobes.select(np.flatnonzero(~rows[lobes.hit])) for lobes in shading.lobes),
         tilted=tuple(tilted),
+        portals=close_portals(shading.portals, rows),
     )
 
 
@@ -99,14 +101,14 @@ def split_shading(shading: Shading) -> tuple[Shading, Shading]:
     narrow = tuple(lobes.select(np.flatnonzero(lobes.alpha <= WIDE_ALPHA)) for lobes in shading.lobes)
     black = np.zeros_like(shading.diffuse)
     return (
-        replace(shading, lobes=wide, transparency=black),
+        replace(shading, lobes=wide, transparency=black, portals=()),
         replace(shading, lobes=narrow, diffuse=black, tilted=()),
     )
 
 
 def sum_weights(shading: Shading) -> Floats:
     """Return (k,) how often all parts are sampled, by their mean colors."""
-    total = mean_column(shading.transparency) + mean_column(shading.sum_diffuse())
+    total = mean_column(shading.passage) + mean_column(shading.sum_diffuse())
     for lobes in shading.lobes:
         total[lobes.hit] += mean_column(lobes.weight) / lobes.energy_scale * lobes.albedo
     return total
@@ -114,7 +116,7 @@ def sum_weights(shading: Shading) -> Floats:
 
 def sum_normals(shading: Shading) -> Floats:
     """Return (k, 3) the normals of all parts, weighed likewise."""
-    total = (mean_column(shading.transparency) + mean_column(shading.diffuse))[:, np.newaxis] * shading.normal
+    total = (mean_column(shading.passage) + mean_column(shading.diffuse))[:, np.newaxis] * shading.normal
     for part in shading.tilted:
         side = -part.normal if part.transmits else part.normal
         total[part.hit] += mean_column(part.albedo)[:, np.newaxis] * side
@@ -127,7 +129,7 @@ def sum_normals(shading: Shading) -> Floats:
 def sum_colors(shading: Shading) -> Floats:
     """Return (k, 3) the colors of all parts."""
     reflected, transmitted = sum_lobe_colors(shading, all_tabulated=True)
-    return shading.transparency + shading.sum_diffuse() + reflected + transmitted
+    return shading.passage + shading.sum_diffuse() + reflected + transmitted
 
 
 def to_camera(integrator: Integrator, vectors: Floats) -> Floats:

@@ -40,6 +40,7 @@ class Features:
     rough : a reflecting or transmitting material has roughness above 0
     narrow : a reflecting or transmitting material may do so into little more than one direction
     subsurface : a material scatters light below its surface
+    portals : a material sends rays on elsewhere
     transparency : a material lets light straight through (Transparent BSDF, alpha below 1)
     holdout : an object punches a hole into the alpha channel
     shadow_catchers : an object shows only how others change its light
@@ -63,6 +64,7 @@ class Features:
     rough: bool
     narrow: bool
     subsurface: bool
+    portals: bool
     transparency: bool
     holdout: bool
     shadow_catchers: bool
@@ -173,6 +175,7 @@ def derive_features(scene: Scene) -> Features:
         rough=any(_is_rough(closure) for closure in closures),
         narrow=any(_is_narrow(closure) for closure in closures),
         subsurface=any(_is_buried(closure) for closure in closures),
+        portals=any(closure.kind == "portal" and _has_weight(closure) for closure in closures),
         transparency=any(lets_through(closure) for closure in closures),
         holdout=_is_any(scene, "holdout"),
         shadow_catchers=_is_any(scene, "shadow_catcher"),

@@ -330,6 +330,10 @@ def find_branches(integrator: Integrator, wave: Wave) -> Iterator[Branch]:
                 direction[np.newaxis], np.ones((1, 3)), np.array([np.inf]), np.array([bounce], np.uint8)
             )
             yield kind, advance(wave, sample), weight
+    for portals in wave.shading.portals:
+        straight = np.full(1, STRAIGHT, np.uint8)
+        sample = BsdfSample(portals.direction, np.ones((1, 3)), np.array([np.inf]), straight, portals)
+        yield PASSED, advance(wave, sample), portals.weight[0]
 
 
 def list_directions(shading: Shading) -> Iterator[tuple[str, Floats, Floats, int]]:

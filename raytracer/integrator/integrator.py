@@ -20,6 +20,7 @@ from raytracer.integrator.light_sources import (
 )
 from raytracer.integrator.picked_lights import LightGroup
 from raytracer.integrator.scene_media import SceneMedia
+from raytracer.integrator.scene_records import MeasureDepth
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import (
     CastShadows,
@@ -78,6 +79,7 @@ class Integrator:
     grouped : which groups of lights what shines belongs to; None where no pass asks
     terminator : offsets of the shadow terminator; None where no smooth mesh has any
     cast_inside : finds what rays below a surface hit of their own object; None where no light goes there
+    measure_depth : tells how far points are before the camera; None without portals, whose rays do not tell
     glints : what narrow lobes meet by chance alone; none where there are no such lobes, or no pass has an error
     media : what fills space; None where nothing does
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
@@ -123,6 +125,7 @@ class Integrator:
     cast_inside: CastInside | None = None
     glints: tuple[Glint, ...] = ()
     media: SceneMedia | None = None
+    measure_depth: MeasureDepth | None = None
 
     @property
     def world_group(self) -> int:

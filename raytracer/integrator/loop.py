@@ -12,9 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from raytracer.arrays.rows import any_column
 from raytracer.arrays.types import Floats
 from raytracer.bsdfs.bounce_kinds import STRAIGHT
-from raytracer.bsdfs.bsdf import BsdfSample
+from raytracer.bsdfs.bsdf import BsdfSample, enter_portals
 from raytracer.casting.rays import Hits, Rays
 from raytracer.film.passes import LENGTH, NEAR_MISS
 from raytracer.integrator.aovs import add_sky_aovs, add_surface_aovs
@@ -170,7 +171,7 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
     add_emission(integrator, passes, wave)
     wave = replace(wave, shading=blur_lobes(shading, paths.rarest, integrator.settings.filter_glossy))
     if not integrator.needs_light:
-        return Shaded([], pass_straight(integrator, passes, wave))
+        return Shaded([], pass_straight(integrator, passes, wave, sampler))
 
     sampler = sampler.select(paths.row)
     ended = find_finished(integrator, paths)
@@ -196,8 +197,8 @@ def add_direct_light(integrator: Integrator, passes: PathPasses, shadow_rays: li
             passes.unshadowed[rays.row] += rays.light
 
 
-def pass_straight(integrator: Integrator, passes: PathPasses, wave: Wave) -> Paths:
-    """Without light, only rays that have not found their opaque surface go on, and straight."""
+def pass_straight(integrator: Integrator, passes: PathPasses, wave: Wave, sampler: Sampler) -> Paths:
+    """Without light, only rays that have not found their opaque surface go on, straight or through portals."""
     open_ = ~passes.found[wave.paths.row] & ~find_closed(integrator, wave.paths)
     sample = BsdfSample(
         direction=-wave.shading.outgoing,
@@ -205,4 +206,8 @@ def pass_straight(integrator: Integrator, passes: PathPasses, wave: Wave) -> Pat
         density=np.full(len(wave), np.inf),
         kind=np.full(len(wave), STRAIGHT, dtype=np.uint8),
     )
+    if wave.shading.portals:
+        rows = np.flatnonzero(open_ & any_column(wave.shading.passage > 0))
+        choice = sampler.select(wave.paths.row[rows]).uniform(integrator.dimensions.lobe)
+        sample = enter_portals(sample, wave.shading, rows, np.ones(len(rows)), choice)
     return advance(wave, sample)

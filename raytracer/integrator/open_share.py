@@ -44,7 +44,7 @@ def add_open_share(integrator: Integrator, passes: PathPasses, wave: Wave, sampl
         np.zeros(len(rows), dtype=np.bool_),
         np.full(len(rows), SEEN_BY["shadow"], dtype=np.uint8),
     )
-    covered = paths.throughput * (1.0 - take_rows(wave.shading.transparency, rows))
+    covered = paths.throughput * (1.0 - take_rows(wave.shading.passage, rows))
     passes.add("Ambient Occlusion", paths.row, covered * integrator.visibility(shadows))
 
 

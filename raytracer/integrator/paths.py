@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import lay_columns, make_zeros, take_rows
-from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Integers, Kinds, Numbers, Vectors
+from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Indices, Integers, Kinds, Numbers, Vectors
 from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
+from raytracer.bsdfs.portals import Portals, find_exits
 from raytracer.casting.order import join_departures
 from raytracer.casting.rays import Hits, Rays, join_rays
 from raytracer.film.passes import (
@@ -43,14 +44,16 @@ class Paths:
     throughput : (k, 3) float64, what the light from here counts
     kind : (k,) uint8, of its last bounce; STRAIGHT before the first
     bounces : (k, 4) int32, how many it has taken of each kind in `bounce_kinds.COUNTED`
-    passages : (k,) int32, how often it went straight through a surface
-    scatter_origin, scatter_normal : (k, 3) float64, where it was scattered last, which light sampling was done from
+    passages : (k,) int32, how often it went straight through a surface, or through a portal
+    scatter_origin, scatter_normal : (k, 3) float64, where it was scattered last, which light sampling was done from, or
+        where it has come out of a portal since
     density : (k,) float64, with which it was scattered into this direction; inf where light sampling could not
     rarest : (k,) float64, the least density of its bounces; inf before the first
     scatterer : (k,) int32, instance that it was scattered by last; -1 before the first
     travelled : (k,) float64, metres from scatter_origin to where this stretch begins: a path that goes straight
         through a surface keeps its ray, and goes on `after` what it has met
     media : what it is inside of; None where the scene has no media
+    portals : (k,) int32, how many it has gone through; None before any path has
     """
 
     row: NDArray[np.int64]
@@ -66,6 +69,7 @@ class Paths:
     scatterer: NDArray[np.int32]
     travelled: Numbers
     media: MediaStack | None = None
+    portals: NDArray[np.int32] | None = None
 
     def __len__(self) -> int:
         return len(self.row)
@@ -74,6 +78,10 @@ class Paths:
     def direct(self) -> Booleans:
         """(k,) True where the path has gone straight so far, as the camera sees."""
         return self.kind == STRAIGHT
+
+    def count_portals(self) -> NDArray[np.int32]:
+        """Return how many portals (k,) paths have gone through."""
+        return np.zeros(len(self), np.int32) if self.portals is None else self.portals
 
     def select(self, rows: Any) -> Paths:
         """Return some of the paths: index or boolean array."""
@@ -91,6 +99,7 @@ class Paths:
             self.scatterer[rows],
             self.travelled[rows],
             None if self.media is None else self.media.select(rows),
+            None if self.portals is None else self.portals[rows],
         )
 
 
@@ -113,13 +122,12 @@ def join_paths(parts: Sequence[Paths]) -> Paths:
         return parts[0]
     if not parts:
         return start_paths(join_rays([]))
-    joined = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in Paths.__slots__
-        if name not in ("rays", "media")
-    }
-    media = join_stacks([part.media for part in parts])
-    return Paths(rays=join_rays([part.rays for part in parts]), media=media, **joined)
+    names = [name for name in Paths.__slots__ if name not in ("rays", "media", "portals")]
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    media, portals = join_stacks([part.media for part in parts]), None
+    if any(part.portals is not None for part in parts):
+        portals = np.concatenate([part.count_portals() for part in parts])
+    return Paths(rays=join_rays([part.rays for part in parts]), media=media, portals=portals, **joined)
 
 
 def start_paths(rays: Rays) -> Paths:
@@ -244,7 +252,7 @@ def advance(wave: Wave, sample: BsdfSample) -> Paths:
     rays = depart(surface, direction)
     if straight.any():
         rays = keep_straight(rays, old.rays, wave.hits.select(alive), straight)
-    return replace(
+    going_on = replace(
         old,
         rays=rays,
         throughput=old.throughput * take_rows(sample.weight, alive),
@@ -259,6 +267,40 @@ def advance(wave: Wave, sample: BsdfSample) -> Paths:
         travelled=np.where(straight, wave.hits.distance[alive] * length(old.rays.directions), 0.0),
         media=None if old.media is None else cross_surfaces(old.media, surface, direction, straight),
     )
+    return going_on if sample.portals is None else leave_portals(going_on, wave, sample.portals, alive)
+
+
+def leave_portals(paths: Paths, wave: Wave, portals: Portals, rows: Indices) -> Paths:
+    """Return paths of which some have gone through portals, at the start of their next stretch.
+
+    What they meet from there on no light sample has counted on, as after a perfect mirror.
+
+    rows : (k,) of the paths in their wave
+    """
+    number = np.full(len(wave), -1)
+    number[rows] = np.arange(len(rows))
+    portals = portals.select(np.flatnonzero(number[portals.hit] >= 0))
+    through = number[portals.hit]
+    surface = wave.surface.select(portals.hit)
+    leaving = emerge(depart(surface, portals.direction), find_exits(portals.position, surface.position))
+    order = np.arange(len(paths))
+    order[through] = len(paths) + np.arange(len(through))
+    columns = {name: getattr(paths, name).copy("K") for name in ("scatter_origin", "density", "travelled")}
+    columns["scatter_origin"][through] = leaving.origins
+    columns["density"][through] = np.inf
+    columns["travelled"][through] = 0.0
+    count = paths.count_portals().copy()
+    count[through] += 1
+    return replace(paths, rays=join_rays([paths.rays, leaving]).select(order), portals=count, **columns)
+
+
+def emerge(rays: Rays, exits: Vectors) -> Rays:
+    """Return rays that start at `exits` (n, 3), from no surface, instead; where these are NaN, as they are."""
+    away = ~np.isnan(exits[:, 0])
+    departure = rays.departure
+    if departure is not None:
+        departure = replace(departure, reach=np.where(away, -1.0, departure.reach))
+    return replace(rays, origins=np.where(away[:, np.newaxis], exits, rays.origins), departure=departure)
 
 
 def find_counted(media: MediaStack | None, surface: Surface, straight: Booleans) -> Booleans:

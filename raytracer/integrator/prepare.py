@@ -36,7 +36,13 @@ from raytracer.integrator.light_sources import (
 from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_picked_sources, split_lights
 from raytracer.integrator.random_walk import count_numbers
 from raytracer.integrator.scene_media import SceneMedia, make_scene_media
-from raytracer.integrator.scene_records import find_camera_axes, find_eye, find_identities, gather_records
+from raytracer.integrator.scene_records import (
+    find_camera_axes,
+    find_depth_measure,
+    find_eye,
+    find_identities,
+    gather_records,
+)
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_media import media_visibility
 from raytracer.integrator.shadow_rays import (
@@ -252,7 +258,7 @@ def _compose(
         holdout=gather_records(scene, "holdout", np.bool_) if features.holdout else None,
         pass_index=gather_records(scene, "pass_index", np.int32),
         needs_light=needs_light,
-        goes_on=features.specular or features.transparency or features.subsurface or interreflects,
+        goes_on=features.specular or features.transparency or features.portals or features.subsurface or interreflects,
         interreflects=interreflects,
         visible_groups=visible_groups,
         emission_ahead=bool(visible_lights)
@@ -271,6 +277,7 @@ def _compose(
         terminator=terminator,
         cast_inside=make_inside_cast(caster, order) if features.subsurface and needs_light else None,
         media=media,
+        measure_depth=find_depth_measure(scene) if features.portals else None,
     )
 
 

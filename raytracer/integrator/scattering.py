@@ -5,7 +5,7 @@ Sources of light are sampled, then the BSDF; what is not worth following ends.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,9 +37,15 @@ class Shaded:
 def scatter(integrator: Integrator, passes: PathPasses, wave: Wave, sampler: Sampler) -> Shaded:
     """Scatter light at the surfaces of a wave, and its paths; sampler : of the wave's paths."""
     ended = find_finished(integrator, wave.paths) | find_closed(integrator, wave.paths)
+    wave = close_portals(wave, ended)
     probabilities = weigh_lobes(integrator, wave, ended)
     choice = sampler.uniform(integrator.dimensions.lobe) if integrator.goes_on else None
     return scatter_by(integrator, passes, wave, sampler, ended, probabilities, choice)
+
+
+def close_portals(wave: Wave, ended: Booleans) -> Wave:
+    """Return the wave without the portals of paths that only see emission: as in Cycles these pass straight only."""
+    return replace(wave, shading=wave.shading.close_portals(ended)) if wave.shading.portals else wave
 
 
 def scatter_by(
@@ -91,7 +97,10 @@ def scatter_by(
     play_roulette(integrator, paths, sample, sampler)
     going_on = advance(wave, sample)
     if integrator.shadow_links is not None:
-        add_linked_light(integrator, passes, going_on.select(~sample.goes_straight[sample.alive]))
+        turned = ~sample.goes_straight
+        if sample.portals is not None:  # what is seen straight is met as without links
+            turned[sample.portals.hit] = ~paths.direct[sample.portals.hit]
+        add_linked_light(integrator, passes, going_on.select(turned[sample.alive]))
     return Shaded(shadow_rays, going_on)
 
 

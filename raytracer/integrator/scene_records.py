@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Numbers, Vectors
+from raytracer.arrays.vectors import normalize
 from raytracer.film.mattes import hash_name, hash_to_float
 from raytracer.film.passes import matte_table
+from raytracer.lecture import dot, length
 from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
 from raytracer.scene.scene import Scene
 from raytracer.shading.site_tables import choose_axes
+
+# Depths (n,) of points (n, 3).
+MeasureDepth = Callable[[Vectors], Numbers]
 
 
 def gather_records(scene: Scene, name: str, dtype: type) -> NDArray[Any]:
@@ -53,3 +60,21 @@ def find_camera_axes(scene: Scene) -> Vectors | None:
         return None
     columns, signs = choose_axes(scene.camera)
     return scene.camera.world_from_camera[:3, columns].T * signs[:, np.newaxis]
+
+
+def find_depth_measure(scene: Scene) -> MeasureDepth | None:
+    """Return what tells how far points are before the camera, of a panorama how far away; None without a camera.
+
+    References
+    ----------
+    Cycles, kernel/camera/camera.h: camera_z_depth.
+    """
+    if scene.camera is None:
+        return None
+    eye, forward = scene.camera.world_from_camera[:3, 3], -normalize(scene.camera.world_from_camera[:3, 2])
+    return partial(_measure_depth, eye, None if scene.camera.panorama is not None else forward)
+
+
+def _measure_depth(eye: Vectors, forward: Vectors | None, points: Vectors) -> Numbers:
+    offset = points - eye
+    return length(offset) if forward is None else dot(offset, forward)

@@ -27,7 +27,15 @@ from raytracer.integrator.contributions import describe_path
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.paths import PathPasses, Paths, Wave, join_paths
 from raytracer.integrator.random_walk import Exits, walk
-from raytracer.integrator.scattering import Shaded, find_closed, find_finished, scatter, scatter_by, weigh_lobes
+from raytracer.integrator.scattering import (
+    Shaded,
+    close_portals,
+    find_closed,
+    find_finished,
+    scatter,
+    scatter_by,
+    weigh_lobes,
+)
 from raytracer.lecture import dot
 from raytracer.sampling.sampler import Sampler
 from raytracer.shading.materials import make_shading
@@ -40,6 +48,7 @@ def scatter_below(integrator: Integrator, passes: PathPasses, wave: Wave, sample
         return scatter(integrator, passes, wave, sampler)
     paths, dimensions = wave.paths, integrator.dimensions
     ended = find_finished(integrator, paths) | find_closed(integrator, paths)
+    wave = close_portals(wave, ended)
     probabilities = weigh_lobes(integrator, wave, ended)
     below = weigh_parts(integrator, wave, probabilities, ended)
     share = sum_columns(below)

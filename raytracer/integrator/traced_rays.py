@@ -77,7 +77,8 @@ class Shadow:
 class TracedRay:
     """One ray of a tree.
 
-    kind : CAMERA, REFLECTED, REFRACTED or PASSED (straight through what is transparent)
+    kind : CAMERA, REFLECTED, REFRACTED or PASSED (straight through what is transparent, or
+        through a portal)
     parent : number of the ray that it comes from; -1 for the camera's
     origin, direction : o + t d; t of the camera's ray is the depth, all other directions are unit vectors
     weight : (3,) what its color counts in its parent's

@@ -23,9 +23,9 @@ from raytracer.scene.fields import (
 from raytracer.scene.media import Volume, check_volume
 from raytracer.scene.programs import Aovs, Program, Register, check_aovs, check_program, check_register, make_value
 
-# The colors of a closure, its directions, and the range of each of its numbers.
+# The colors of a closure, its vectors, and the range of each of its numbers.
 CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction", "radius", "absorption")
-CLOSURE_VECTORS = ("normal", "coat_normal", "tangent")
+CLOSURE_VECTORS = ("normal", "coat_normal", "tangent", "position", "direction")
 CLOSURE_RANGES = {
     "weight": (0.0, np.inf),
     "ior": (float(np.nextafter(0.0, 1.0)), np.inf),
@@ -53,6 +53,7 @@ CLOSURE_KINDS = (
     *("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission"),
     *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon", "holdout", "subsurface"),
     *HAIR_KINDS,
+    "portal",
 )
 DISTRIBUTIONS = ("ggx", "beckmann")
 
@@ -89,6 +90,8 @@ class Closure:
     across : where hair is met across its width, from -1 to 1: the sine of the angle around it to its nearest side
     normal, coat_normal : world space, any length, on the side that the ray comes from; None = the surface's
     tangent : world space, any length; None stretches nothing; of hair along the strand, from root to tip
+    position, direction : world space, where rays come out of a portal, and where they go, any length; None is where
+        they enter it, and straight on; so is a direction of 0
     The remaining fields are those of Blender's Principled BSDF node.
     """
 
@@ -135,6 +138,8 @@ class Closure:
     normal: Any = None
     coat_normal: Any = None
     tangent: Any = None
+    position: Any = None
+    direction: Any = None
 
     def __post_init__(self) -> None:
         label = f"Closure {self.kind!r}"
@@ -159,7 +164,7 @@ class Closure:
 
     @property
     def vectors(self) -> dict[str, Any]:
-        """The directions that it has of its own, by name."""
+        """The directions, and the position, that it has of its own, by name."""
         return {name: getattr(self, name) for name in CLOSURE_VECTORS if getattr(self, name) is not None}
 
 

@@ -21,6 +21,7 @@ from raytracer.arrays.types import Booleans, Floats, Integers
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.closure_nodes import SCATTERING
 from raytracer.bsdfs.closures import Closures, Lobes, Points, Shading, TiltedDiffuse, pack_closures
+from raytracer.bsdfs.portals import Portals
 from raytracer.bsdfs.subsurface import Subsurface
 from raytracer.scene.materials import CLOSURE_KINDS, CLOSURE_VECTORS, Closure
 from raytracer.scene.scene import Scene
@@ -190,6 +191,7 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
     lobes: list[Lobes] = []
     tilted: list[TiltedDiffuse] = []
     subsurface: list[Subsurface] = []
+    portals: list[Portals] = []
     shading = Shading(
         normal=sign * surface.shading_normal,
         geometric_normal=sign * surface.geometric_normal,
@@ -208,26 +210,30 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
             rows = np.flatnonzero(kind_of_hit == CLOSURE_KINDS.index(kind))
             if len(rows):
                 vectors = _own_vectors(columns, slot, rows, shading)
-                points = Points(rows, surface.front[rows], shading, vectors, tilted, subsurface)
+                points = Points(rows, surface.front[rows], shading, vectors, tilted, subsurface, portals)
                 lobes.extend(add_closures(_select_parameters(table, slot, surface.material, rows, columns), points))
     return dataclasses.replace(
         shading,
         lobes=tuple(lobe for lobe in lobes if len(lobe)),
         tilted=tuple(part for part in tilted if len(part.hit)),
         subsurface=tuple(part for part in subsurface if len(part)),
+        portals=tuple(part for part in portals if len(part)),
     )
 
 
 def _own_vectors(columns: Columns, slot: int, rows: Any, shading: Shading) -> dict[str, Floats]:
-    """Return the directions (k, 3) that closures at `rows` have of their own, by name: unit; normals are the surface's,
-    and tangents 0, where they have none."""
+    """Return the vectors (k, 3) that closures at `rows` have of their own, by name: directions are unit; normals are
+    the surface's, positions NaN, and others 0, where they have none."""
     vectors = {}
     for name in CLOSURE_VECTORS:
         column = columns.get((slot, name))
         if column is None:
             continue
+        if name == "position":
+            vectors[name] = take_rows(column, rows)
+            continue
         own = normalize(np.nan_to_num(column[rows]))
-        if name == "tangent":
+        if name in ("tangent", "direction"):
             vectors[name] = own
         else:
             vectors[name] = np.where(own.any(axis=1)[:, np.newaxis], own, shading.normal[rows])

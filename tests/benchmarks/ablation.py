@@ -89,6 +89,11 @@ FEATURES = {
         {},
         ("random_walk.py", "take_step"),
     ),
+    "ray portals": (
+        lambda: make_scene(raytracer.Closure("portal", weight=0.2, position=np.array([0.0, 0.0, 4.0]))),
+        {},
+        ("bsdf.py", "enter_portals"),
+    ),
     "thin film": (
         lambda: make_scene(raytracer.Closure("principled", film_thickness=400.0)),
         {},

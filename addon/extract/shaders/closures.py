@@ -209,6 +209,16 @@ def read_transparent(inputs: NodeInputs) -> Fields:
     return {"kind": "transparent", "color": inputs.color("Color")}
 
 
+def read_portal(inputs: NodeInputs) -> Fields:
+    """Read a portal: an unlinked position is that of the surface, a direction of 0 goes straight on."""
+    return {
+        "kind": "portal",
+        "color": inputs.color("Color"),
+        "position": inputs.vector("Position"),
+        "direction": inputs.normal("Direction"),
+    }
+
+
 def read_emission(inputs: NodeInputs) -> Fields:
     return {
         "kind": "emission",
@@ -241,6 +251,7 @@ CLOSURE_READERS: dict[str, Callable[[NodeInputs], Fields]] = {
     "BSDF_HAIR_PRINCIPLED": read_principled_hair,
     "BSDF_HAIR": read_hair,
     "BSDF_TRANSPARENT": read_transparent,
+    "BSDF_RAY_PORTAL": read_portal,
     "EMISSION": read_emission,
     "BACKGROUND": read_emission,
     "HOLDOUT": read_holdout,

@@ -42,10 +42,12 @@ class NodeInputs:
 
     def normal(self, identifier: str = "Normal") -> Value | None:
         """Return the normal that feeds the shader, or None for the surface's own."""
-        if not self.is_linked(identifier):
-            return None
-        value = self._read(identifier, "vector")
-        return value if isinstance(value, Register) or np.any(value) else None
+        value = self.vector(identifier)
+        return None if not isinstance(value, Register) and (value is None or not np.any(value)) else value
+
+    def vector(self, identifier: str) -> Value | None:
+        """Return what feeds the input, as a vector, or None where nothing is linked."""
+        return self._read(identifier, "vector") if self.is_linked(identifier) else None
 
     def tangent(self, anisotropy: str) -> Value | None:
         """Return the direction along which highlights are stretched, or None where they are not: what is linked, else

@@ -215,3 +215,18 @@ def test_values_out_of_range_are_clamped_as_in_cycles(tree: Any) -> None:
     assert (closure.metallic, closure.roughness) == (1.0, 0.0)
     assert closure.ior > 0
     assert_array_equal(closure.color, (0, 0, 2))
+
+
+def test_ray_portals_keep_a_linked_position_of_zero(tree: Any) -> None:
+    node = add(tree, "ShaderNodeBsdfRayPortal", Color=(0.5, 0.25, 1.0, 1.0))
+    closure = extract_closure()
+    assert (closure.kind, closure.position, closure.direction) == ("portal", None, None)
+    assert_array_equal(closure.color, (0.5, 0.25, 1.0))
+    zero = tree.nodes.new("ShaderNodeCombineXYZ")
+    geometry = tree.nodes.new("ShaderNodeNewGeometry")
+    tree.links.new(zero.outputs[0], node.inputs["Position"])
+    tree.links.new(geometry.outputs["Normal"], node.inputs["Direction"])
+    closure = extract_closure()
+    assert_array_equal(closure.position, (0.0, 0.0, 0.0))
+    assert isinstance(closure.direction, Register)
+    assert not texts()
