@@ -8,10 +8,10 @@ import pytest
 import raytracer
 from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
-from raytracer.rendering.render import render
 from raytracer.scene.fields import ALL_SETS
 from raytracer.scene.materials import Closure, Material
 from tests.forbidding import forbid
+from tests.raytracer.lights.linked_scenes import look_down, see
 
 DIFFUSE, GLOSSY, MIRROR, GLOWING, PANE, BLACK = range(6)
 MATERIALS = [
@@ -33,22 +33,7 @@ def quad(height=0.0, material=DIFFUSE, size=3.0):
 
 
 def make_scene(meshes, lights=(), shadow_set=None, blockers=None, spheres=()):
-    """Seen from above, from height 1, orthographic."""
-    matrix = np.eye(4)
-    matrix[2, 3] = 1.0
-    matrices = np.tile(np.eye(4), (len(meshes), 1, 1))
-    return raytracer.Scene(
-        meshes=meshes,
-        instances=raytracer.Instances(np.arange(len(meshes)), matrices, shadow_set=shadow_set, blockers=blockers),
-        materials=MATERIALS,
-        lights=lights,
-        spheres=spheres,
-        camera=raytracer.Camera(matrix, projection="orthographic", ortho_scale=4.0),
-    )
-
-
-def see(scene, **settings):
-    return render(scene, 8, 6, 4, filter_width=0.0, **settings)["Combined"][..., :3]
+    return look_down(meshes, MATERIALS, 1.0, spheres, lights, shadow_set=shadow_set, blockers=blockers)
 
 
 @pytest.mark.parametrize("material", SURFACES)

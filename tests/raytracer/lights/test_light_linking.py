@@ -8,9 +8,9 @@ import pytest
 import raytracer
 from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import Settings
-from raytracer.rendering.render import render
 from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
 from raytracer.scene.materials import Closure, Material
+from tests.raytracer.lights.linked_scenes import look_down, see
 
 DIFFUSE, GLOSSY, GLOWING, PANE = range(4)
 MATERIALS = [
@@ -28,22 +28,7 @@ def quad(x_min, x_max, height=0.0, material=DIFFUSE):
 
 
 def make_scene(meshes, lights=(), light_set=None, receivers=None, spheres=()):
-    """Seen from above, from height 6, orthographic."""
-    matrix = np.eye(4)
-    matrix[2, 3] = 6.0
-    matrices = np.tile(np.eye(4), (len(meshes), 1, 1))
-    return raytracer.Scene(
-        meshes=meshes,
-        instances=raytracer.Instances(np.arange(len(meshes)), matrices, light_set=light_set, receivers=receivers),
-        materials=MATERIALS,
-        lights=lights,
-        spheres=spheres,
-        camera=raytracer.Camera(matrix, projection="orthographic", ortho_scale=4.0),
-    )
-
-
-def see(scene, **settings):
-    return render(scene, 8, 6, 4, filter_width=0.0, **settings)["Combined"][..., :3]
+    return look_down(meshes, MATERIALS, 6.0, spheres, lights, light_set=light_set, receivers=receivers)
 
 
 def assert_right_half_is_lit(linked, plain):
