@@ -19,17 +19,16 @@ from pathlib import Path
 import numpy as np
 
 import raytracer
-from raytracer.arrays.types import Floats
 from raytracer.film.film import Film
 from raytracer.film.film_picture import save_picture
-from raytracer.film.passes import find_pass
 from raytracer.integrator.settings import Settings
 from raytracer.processes.python import ONE_THREAD
 from raytracer.processes.workers import Workers
-from raytracer.rendering.block_plan import BLOCK_SECONDS, BlockPlan
-from raytracer.rendering.blocks import Block, BlockResult, FrameWindow, hand_out
+from raytracer.rendering.block_plan import BlockPlan
+from raytracer.rendering.blocks import FrameWindow, hand_out
 from raytracer.rendering.ending import Ending
 from raytracer.rendering.render import accumulate, plan_blocks
+from tests.benchmarks.sender import Sender
 from tests.benchmarks.timing import describe_machine
 from tests.large_scenes import make_crowd, make_terrain
 
@@ -111,24 +110,6 @@ def show_shares() -> str:
     return f"{min(40, sum(1 for _ in plan))} of 40"
 
 
-class Sender:
-    """A worker that has traced already: sends what a block of samples of some passes takes."""
-
-    def __init__(self, passes: tuple[str, ...]) -> None:
-        self.passes = passes
-        self.values: dict[int, dict[str, Floats]] = {}
-
-    def __call__(self, block: Block) -> BlockResult:
-        """Return its strip, or each sample of its pixels."""
-        count = len(block) * block.samples
-        if block.strip is not None:
-            block.strip.arrays["Sample Count"] += block.samples // 2
-            return BlockResult(block, {}, None, count, BLOCK_SECONDS)
-        if count not in self.values:
-            self.values[count] = {name: np.ones((count, find_pass(name).channels)) for name in self.passes}
-        return BlockResult(block, self.values[count], None, count, BLOCK_SECONDS)
-
-
 def show_adding() -> str:
     """Return what the parent of forty workers takes for a sample, of Combined and with four passes more, from where on
     they add up what they trace; and how many could be kept busy whose samples take a microsecond."""
@@ -138,7 +119,8 @@ def show_adding() -> str:
         for passes in (("Combined",), ("Combined", "Normal", "Diffuse Color", "Diffuse Direct", "Diffuse Indirect")):
             settings = Settings(samples=48, passes=passes, workers=40)
             film = Film(window.width, window.height, passes, samples=16)
-            film.arrays["Sample Count"][:] = 8
+            for array in film.arrays.values():
+                array[...] = 8  # memory that earlier samples have been written to
             workers.load(Sender, passes)
             plan = plan_blocks(raytracer.Scene(), film, window, settings, None)
             started, first = time.process_time(), film.samples
