@@ -125,6 +125,11 @@ class Tracks:
         self.tracks[key] = track
         self.keys.append(key)
 
+    @property
+    def is_blur(self) -> bool:
+        """True where the shutter shows motion, False where only the Vector pass tells of it."""
+        return self.steps is None
+
     def pass_over(self, instance: Any, source: Any, instancer: Any, mesh: int | None) -> None:
         """Note an instance that stands still: hair."""
         self.keys.append(None)

@@ -23,6 +23,8 @@ def make_volume_part(
     assert context.materials is not None
     before = len(own.records)
     grids, override = list_grids(shown, source.name, own), context.view_layer.material_override
+    if shown.type == "VOLUME" and shown.data.velocity_grid in grids and context.tracks and context.tracks.is_blur:
+        own.add("velocities of voxels are not supported: in motion blur it moves as a whole", source.name)
     context.warnings.include(own.records[before:])
     if not grids:
         return None

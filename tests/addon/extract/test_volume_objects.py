@@ -50,6 +50,16 @@ def make_cloud(scene: Any, name: str = "Cloud", density: float | None = None) ->
     return shown
 
 
+def save_cloud(scene: Any, folder: Any) -> Any:
+    """Return the file of a cloud's voxels."""
+    make_cloud(scene)
+    volume = next(each.object.data for each in bpy.context.evaluated_depsgraph_get().object_instances if
+                  each.object.type == "VOLUME")  # fmt: skip
+    path = folder / "cloud.vdb"
+    volume.grids.save(filepath=str(path))
+    return path
+
+
 def extract(kept: Kept | None = None) -> Extraction:
     return extract_scene(bpy.context.evaluated_depsgraph_get(), kept=kept)
 
@@ -101,11 +111,7 @@ def test_density_of_object_space_heeds_the_scale(scene_with_camera: Any) -> None
 
 def test_slabs_make_the_same_grid(scene_with_camera: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """A grid that takes several passes of the nodes is the same."""
-    make_cloud(scene_with_camera)
-    volume = next(each.object.data for each in bpy.context.evaluated_depsgraph_get().object_instances if
-                  each.object.type == "VOLUME")  # fmt: skip
-    path = tmp_path / "cloud.vdb"
-    volume.grids.save(filepath=str(path))
+    path = save_cloud(scene_with_camera, tmp_path)
     whole = sampling.read_file(path, ["density"])["density"]
     monkeypatch.setattr(sampling, "SLAB", 2 * whole.values[0].size)
     parts = sampling.read_file(path, ["density"])["density"]
@@ -159,6 +165,24 @@ def test_a_layer_without_volumes_leaves_them_out(scene_with_camera: Any) -> None
     make_cloud(scene_with_camera)
     scene_with_camera.view_layers[0].use_volumes = False
     assert not extract().scene.meshes
+
+
+@pytest.mark.parametrize(("grid", "expected"), [("velocity", 1), ("force", 0)])
+@pytest.mark.skipif(VERSION < (5, 0), reason="no nodes make grids of vectors before Blender 5.0")
+def test_voxels_whose_velocities_blur_nothing_are_named(scene_with_camera: Any, grid: str, expected: int) -> None:
+    shown = make_cloud(scene_with_camera)
+    tree = shown.modifiers[0].node_group
+    cube, output = tree.nodes["Volume Cube"], tree.nodes["Group Output"]
+    stored = add_node(
+        tree, "GeometryNodeStoreNamedGrid", {"Name": grid, "Volume": cube.outputs[0]}, data_type="VECTOR_FLOAT"
+    )
+    tree.links.new(stored.outputs[0], output.inputs[0])
+    scene_with_camera.render.use_motion_blur = True
+    found = extract_scene(
+        bpy.context.evaluated_depsgraph_get(),
+        set_frame=lambda frame, part: scene_with_camera.frame_set(frame, subframe=part),
+    )
+    assert sum("velocities of voxels" in str(warning) for warning in found.warnings) == expected, found.warnings
 
 
 def test_what_cannot_be_read_is_named(scene_with_camera: Any, monkeypatch: pytest.MonkeyPatch) -> None:
