@@ -38,6 +38,10 @@ SHORT_PASS_NAMES = {
 }
 
 
+# The panel of an object's shading: Cycles' alone in 4.2, where what belongs to it stands with the visibility.
+SHADING_PANEL = "OBJECT_PT_shading" if VERSION >= (4, 3) else "OBJECT_PT_visibility"
+
+
 def blender_pass_name(name: str, version: tuple[int, ...] = VERSION) -> str:
     """Return the name that this version of Blender gives to the tracer's pass `name`."""
     layer = find_layer_name(name)
@@ -80,6 +84,18 @@ def read_rolling_shutter(scene: Any) -> float | None:
     if settings is None or settings.rolling_shutter_type == "NONE":
         return None
     return float(settings.rolling_shutter_duration)
+
+
+def register_presets(folder: str) -> None:
+    """Let Blender find the presets that come along in a folder; in 4.2.0, which looks for none there, nothing."""
+    if hasattr(bpy.utils, "register_preset_path"):  # since 4.3, and in later releases of 4.2
+        bpy.utils.register_preset_path(folder)
+
+
+def unregister_presets(folder: str) -> None:
+    """Let Blender forget them."""
+    if hasattr(bpy.utils, "unregister_preset_path"):
+        bpy.utils.unregister_preset_path(folder)
 
 
 @dataclass(frozen=True)

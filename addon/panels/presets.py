@@ -1,4 +1,4 @@
-"""Presets of the panel Sampling, in Blender's own menu; those that come along are in `presets/`."""
+"""Presets of the panel Sampling, in Blender's own menu; those that come along are in `presets/`, in `HOME`."""
 
 # ruff: noqa: N801, RUF012  (Blender prescribes the form of class names and attributes)
 
@@ -13,6 +13,7 @@ from bl_ui.utils import PresetPanel
 
 from ..properties import ENGINE
 
+HOME = str(Path(__file__).parents[1])
 FOLDER = "reference_raytracer/sampling"
 # The settings that a preset holds.
 SETTINGS = ("samples", "viewport_samples", "clamp_direct", "clamp_indirect", "filter_glossy")
@@ -40,13 +41,3 @@ class RAYTRACER_OT_sampling_preset_add(AddPresetBase, bpy.types.Operator):
 
 
 CLASSES: tuple[Any, ...] = (RAYTRACER_PT_sampling_presets, RAYTRACER_OT_sampling_preset_add)
-
-
-def register_path() -> None:
-    """Let Blender find the presets that come along."""
-    bpy.utils.register_preset_path(str(Path(__file__).parents[1]))
-
-
-def unregister_path() -> None:
-    """Let Blender forget them."""
-    bpy.utils.unregister_preset_path(str(Path(__file__).parents[1]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from .. import versions
 from . import bake, built_in, curves, last_render, motion_blur, presets, render, resume, scene_data, view_layer
 
 # In the order of each tab.
@@ -17,7 +18,7 @@ register_classes, unregister_classes = bpy.utils.register_classes_factory(CLASSE
 
 def register() -> None:
     """Add the panels and join the built-in ones."""
-    presets.register_path()
+    versions.register_presets(presets.HOME)
     register_classes()
     last_render.register()
     resume.register()
@@ -30,4 +31,4 @@ def unregister() -> None:
     resume.unregister()
     last_render.unregister()
     unregister_classes()
-    presets.unregister_path()
+    versions.unregister_presets(presets.HOME)

@@ -119,7 +119,7 @@ class RAYTRACER_OBJECT_PT_light_group(EnginePanel, bpy.types.Panel):
 
     bl_label = "Light Group"
     bl_context = "object"
-    bl_parent_id = "OBJECT_PT_shading"
+    bl_parent_id = versions.SHADING_PANEL
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Any) -> None:

@@ -9,11 +9,12 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.compare.cycles.exr import read_exr
 from addon.engine.checkpoints import find_path, list_files
 from addon.engine.engine import count_pictures
 from addon.engine.statistics import last_render
 from addon.engine.stereo import find_camera, list_views
-from tests.addon.engine.engine_fixtures import add_plane, make_stage, read_image
+from tests.addon.engine.engine_fixtures import add_plane, make_stage
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
 
@@ -34,6 +35,7 @@ def stage(empty_scene: Any) -> Any:
     render.use_multiview = True
     render.image_settings.file_format = "OPEN_EXR"
     render.image_settings.color_depth = "32"
+    render.image_settings.exr_codec = "NONE"
     render.image_settings.views_format = "INDIVIDUAL"
     render.use_file_extension = True
     stereo = empty_scene.camera.data.stereo
@@ -46,7 +48,13 @@ def render_views(scene: Any, folder: Path) -> dict[str, np.ndarray]:
     """Render; return the pictures by the suffix of their files."""
     scene.render.filepath = str(folder / "picture")
     bpy.ops.render.render(write_still=True, scene=scene.name)
-    return {path.stem.removeprefix("picture"): read_image(path) for path in sorted(folder.glob("picture*.exr"))}
+    return {path.stem.removeprefix("picture"): read_pixels(path) for path in sorted(folder.glob("picture*.exr"))}
+
+
+def read_pixels(path: Path) -> np.ndarray:
+    """Return the pixels (h, w, 4) of a view's file, in which Blender 4.2 sees layers and no picture."""
+    channels = read_exr(path)
+    return np.stack([channels[name] for name in "RGBA"], axis=-1)
 
 
 def render_from(scene: Any, folder: Path, x: float, shift: float) -> np.ndarray:

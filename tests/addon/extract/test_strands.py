@@ -17,6 +17,7 @@ from addon.extract.strands import DEFAULT_RADIUS, find_radii
 from raytracer.shading.nodes.strands import INTERCEPT, LENGTH, RANDOM
 from raytracer.textures.noise import hash_words
 
+from .shaders.shader_trees import add, give_nodes
 from .test_instances import add_instancer
 
 pytestmark = pytest.mark.blender
@@ -62,23 +63,19 @@ def add_system(shown: Any, count: int, **settings: Any) -> Any:
 
 def read_outputs(shown: Any, *names: str) -> None:
     """Give an object a material that reads outputs of Curves Info, or attributes."""
-    material = bpy.data.materials.new("Reads")
-    shown.data.materials.append(material)
-    tree = material.node_tree
-    tree.nodes.clear()
-    emission, output = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
-    tree.links.new(emission.outputs[0], output.inputs[0])
+    tree = give_nodes(shown, "Reads")
+    emission = add(tree, "ShaderNodeEmission")
     info, total = tree.nodes.new("ShaderNodeHairInfo"), emission.inputs["Color"]
     for name in names:
-        add = tree.nodes.new("ShaderNodeVectorMath")
-        tree.links.new(add.outputs[0], total)
+        further = tree.nodes.new("ShaderNodeVectorMath")
+        tree.links.new(further.outputs[0], total)
         if name in info.outputs:
-            tree.links.new(info.outputs[name], add.inputs[0])
+            tree.links.new(info.outputs[name], further.inputs[0])
         else:
             attribute = tree.nodes.new("ShaderNodeAttribute")
             attribute.attribute_name = name
-            tree.links.new(attribute.outputs["Vector"], add.inputs[0])
-        total = add.inputs[1]
+            tree.links.new(attribute.outputs["Vector"], further.inputs[0])
+        total = further.inputs[1]
 
 
 # Curves objects ------------------------------------------------------------------------------------------------------
@@ -135,10 +132,9 @@ def test_what_materials_read_of_curves(scene_with_camera: Any) -> None:
 def test_the_first_pair_of_numbers_of_strands_is_their_uv(scene_with_camera: Any) -> None:
     shown = add_curves(scene_with_camera)
     shown.data.attributes.new("place", "FLOAT2", "CURVE").data.foreach_set("vector", [0.1, 0.2, 0.3, 0.4])
-    material = bpy.data.materials.new("Uv")
-    shown.data.materials.append(material)
-    tree = material.node_tree
-    tree.links.new(tree.nodes.new("ShaderNodeUVMap").outputs[0], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    tree = give_nodes(shown, "Uv")
+    surface = add(tree, "ShaderNodeBsdfPrincipled")
+    tree.links.new(tree.nodes.new("ShaderNodeUVMap").outputs[0], surface.inputs["Base Color"])
     assert_allclose(extract().scene.curves[0].uvs, [(0.1, 0.2), (0.3, 0.4)], rtol=1e-6)
 
 

@@ -53,6 +53,7 @@ def test_world_is_seen_by_the_rays_that_its_visibility_names(world_tree: Any) ->
     assert extract().scene.world.seen_by == SEEN_BY_ALL
     for name, label in WORLD_VISIBILITY.items():
         setattr(bpy.context.scene.world.cycles_visibility, name, False)
+        bpy.context.scene.world.update_tag()  # 4.2 does not tell the depsgraph that is there
         world = extract().scene.world
         assert world.seen_by == SEEN_BY_ALL - SEEN_BY[label]
         assert_array_equal(world.color, (0.25, 0.5, 1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+import pytest
 
 import addon
 from addon import handlers, inspector, panels, properties
@@ -63,6 +64,7 @@ def find_presets() -> dict[str, str]:
     return {path.stem: str(path) for folder in folders for path in Path(folder).glob("*.py")}
 
 
+@pytest.mark.skipif(not hasattr(bpy.utils, "register_preset_path"), reason="Blender 4.2.0 finds no presets of others")
 def test_presets_set_what_they_hold(empty_scene: Any, registered: None) -> None:
     assert {"Draft", "Final", "Reference"} <= find_presets().keys()
     own = empty_scene.reference_raytracer
@@ -81,6 +83,17 @@ def test_presets_are_forgotten_with_the_addon(empty_scene: Any) -> None:
     addon.register()
     addon.unregister()
     assert find_presets() == {}
+
+
+def test_the_addon_registers_where_blender_finds_no_presets_of_others(
+    empty_scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("register_preset_path", "unregister_preset_path"):
+        monkeypatch.delattr(bpy.utils, name, raising=False)  # Blender 4.2.0
+    addon.register()
+    assert find_presets() == {}
+    addon.unregister()
+    assert not hasattr(bpy.context.scene, "reference_raytracer")
 
 
 def list_own_types() -> list[Any]:
