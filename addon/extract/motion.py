@@ -26,7 +26,7 @@ from raytracer.film.camera import measure_film_extent
 
 from .. import versions
 from .camera import read_camera
-from .meshes import Points, read_array, read_attribute, read_corners
+from .meshes import Points, extract_points, read_array, read_attribute, read_corners
 from .warnings import WarningList
 
 # Cycles takes no more steps of an object, and evaluates the shutter's curve so often.
@@ -66,7 +66,8 @@ class Track:
     """An instance that may move.
 
     steps : of its motion; matrices : (4, 4) by time
-    deforms : True where its mesh may change its shape
+    deforms : True where its mesh, or its points, may change their shape
+    clouds : its points by time, where they may
     corners : (triangles, 3) corners of faces, where the mesh has normals of its own there
     """
 
@@ -77,6 +78,7 @@ class Track:
     corners: NDArray[np.int32] | None = None
     matrices: dict[float, NDArray[np.float64]] = field(default_factory=dict)
     shapes: dict[float, tuple[NDArray[Any], NDArray[Any] | None]] = field(default_factory=dict)
+    clouds: dict[float, Points | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -157,6 +159,8 @@ class Tracks:
                 shape = read_shape(shown.data, track.corners)
                 if shape is not None:
                     track.shapes[time] = shape
+            elif track.deforms and shown.type == "POINTCLOUD":
+                track.clouds[time] = extract_points(shown.data, track.name, WarningList())
 
 
 def count_steps(shown: Any, instancer: Any) -> int:
@@ -352,12 +356,24 @@ def has_shape(shape: tuple[Any, Any], middle: tuple[Any, Any]) -> bool:
 
 
 def warn_points(tracks: Tracks, warnings: WarningList) -> None:
-    """Name point clouds that change their shape, or move in the Vector pass."""
-    for track in tracks.tracks.values():
-        matrices = list(track.matrices.values())
-        if track.is_mesh:
+    """Name point clouds that change their shape, or that the Vector pass would show in motion."""
+    for group in tracks.groups:
+        key = tracks.keys[group.row]
+        if key is None:
             continue
-        if track.deforms:
+        track = tracks.tracks[key]
+        changes = any(not has_points(cloud, group.points) for cloud in track.clouds.values())
+        if tracks.is_blur and changes:
             warnings.add("motion blur of point clouds that change their shape is not supported", track.name)
-        if tracks.steps is not None and any((matrix != matrices[0]).any() for matrix in matrices):
+        moves = changes or any((matrix != group.world_from_object).any() for matrix in track.matrices.values())
+        if not tracks.is_blur and moves:
             warnings.add("the Vector pass of point clouds is not supported: its points stand still", track.name)
+
+
+def has_points(cloud: Points | None, middle: Points) -> bool:
+    """Return whether a point cloud at a step is what it is in the middle."""
+    return (
+        cloud is not None
+        and np.array_equal(cloud.centres, middle.centres)
+        and np.array_equal(cloud.radii, middle.radii)
+    )

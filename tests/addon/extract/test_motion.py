@@ -12,6 +12,7 @@ from addon import versions
 from addon.extract import motion
 from addon.extract.scene import extract_scene
 from raytracer.scene.moments import find_moment
+from tests.addon.extract.test_instances import add_nodes_modifier
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
 
@@ -235,10 +236,14 @@ def test_an_error_leaves_the_scene_at_its_frame(stage: Any, shown: Any, monkeypa
     assert stage.frame_current_final == FRAME
 
 
-def test_point_clouds_move_with_their_object(stage: Any) -> None:
-    bpy.ops.object.pointcloud_random_add()
-    thing = bpy.context.object
-    move(thing)
+def scatter(shown: Any) -> None:
+    """Let nodes make points of an object's corners."""
+    add_nodes_modifier(shown, "GeometryNodeMeshToPoints")
+
+
+def test_point_clouds_move_with_their_object(stage: Any, shown: Any) -> None:
+    scatter(shown)
+    move(shown)
     found = read(stage)[0]
     assert not found.warnings
     (motion,) = found.scene.motion.spheres
@@ -247,9 +252,20 @@ def test_point_clouds_move_with_their_object(stage: Any) -> None:
     np.testing.assert_allclose(find_moment(found.scene, 0.5).spheres[0].centres, found.scene.spheres[0].centres)
 
 
-def test_point_clouds_that_move_are_named_where_vectors_are_asked_for(stage: Any) -> None:
-    bpy.ops.object.pointcloud_random_add()
-    move(bpy.context.object)
+@pytest.mark.parametrize("passes", [(), ("Vector",)])
+def test_point_clouds_are_named_where_they_change_and_no_more(stage: Any, shown: Any, passes: tuple[str, ...]) -> None:
+    """Nodes may change a shape at any time; whether they do is seen in the points."""
+    scatter(shown)
+    stage.render.use_motion_blur = not passes
+    assert not read(stage, *passes)[0].warnings
+    add_shape(shown)
+    (warning,) = read(stage, *passes)[0].warnings
+    assert str(warning).startswith("object 'Object': " + ("the Vector pass of" if passes else "motion blur of"))
+
+
+def test_point_clouds_that_move_are_named_where_vectors_are_asked_for(stage: Any, shown: Any) -> None:
+    scatter(shown)
+    move(shown)
     stage.render.use_motion_blur = False
     assert any("point clouds" in str(warning) for warning in read(stage, "Vector")[0].warnings)
 
