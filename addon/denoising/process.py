@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.processes.folders import OwnedFolder
-from raytracer.processes.python import start_process
 
-from ..own_blender.command import list_orders_command
+from ..own_blender.command import list_orders_command, start_blender
 from ..versions import has_denoiser
 from .compositor import INPUTS
 
@@ -47,8 +46,9 @@ class Process:
     def __init__(self) -> None:
         self._files = OwnedFolder(FOLDER_PREFIX)
         self._orders = 0
-        self._process = start_process(
+        self._process = start_blender(
             list_orders_command("denoising.compositor", self._files.path),
+            self._files.path,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import bpy
 
+from raytracer.processes.python import start_process
+
+# Where Blender and Python look for the folder of temporary files.
+TEMPORARY = ("TMPDIR", "TMP", "TEMP")
 CHILD = Path(__file__).with_name("child.py")
 
 
@@ -20,3 +28,9 @@ def list_command(script: Path) -> list[str]:
 def list_orders_command(module: str, folder: Path) -> list[str]:
     """Return the command of a process that carries out orders by a module, 'voxels.sampling' say, in a folder."""
     return [*list_command(CHILD), module, str(folder)]
+
+
+def start_blender(command: Sequence[str], folder: Path, **options: Any) -> subprocess.Popen[bytes]:
+    """Start a Blender whose own temporary files lie in `folder`: it is ended by force, and leaves them to who removes
+    that; `options` are Popen's."""
+    return start_process(command, env=os.environ | dict.fromkeys(TEMPORARY, str(folder)), **options)

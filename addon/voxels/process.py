@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.processes.folders import OwnedFolder
-from raytracer.processes.python import start_process
 
-from ..own_blender.command import list_orders_command
+from ..own_blender.command import list_orders_command, start_blender
 
 FOLDER_PREFIX = "raytracer_voxels_"
 # Seconds after which a process that says nothing is given up.
@@ -70,7 +69,8 @@ class VoxelReader:
             self._files = OwnedFolder(FOLDER_PREFIX)
         if self._process is None:
             pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-            self._process = start_process(list_orders_command("voxels.sampling", self._files.path), **pipes)
+            folder = self._files.path
+            self._process = start_blender(list_orders_command("voxels.sampling", folder), folder, **pipes)
         return self._files
 
     def _order(self, line: str) -> None:

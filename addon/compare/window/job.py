@@ -13,9 +13,8 @@ import bpy
 import numpy as np
 
 from raytracer.processes.folders import OwnedFolder, sweep
-from raytracer.processes.python import start_process
 
-from ...own_blender.command import list_command
+from ...own_blender.command import list_command, start_blender
 from ..results import Outcome, Worst
 
 CHILD = Path(__file__).parents[1] / "child.py"
@@ -76,8 +75,12 @@ class Running:
         description.write_text(json.dumps(asdict(self.job)), encoding="utf-8")
         self._log = (self.folder / "log.txt").open("wb")
         # Nothing is ever said to its standard input: its end is how it knows of ours.
-        self._process = start_process(
-            [*list_command(CHILD), str(description)], stdin=subprocess.PIPE, stdout=self._log, stderr=self._log
+        self._process = start_blender(
+            [*list_command(CHILD), str(description)],
+            self.folder,
+            stdin=subprocess.PIPE,
+            stdout=self._log,
+            stderr=self._log,
         )
 
     def is_done(self) -> bool:

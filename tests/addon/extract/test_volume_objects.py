@@ -153,7 +153,7 @@ def test_a_material_without_volume_shows_nothing(scene_with_camera: Any) -> None
 
 
 def test_a_scene_without_voxels_starts_no_process(scene_with_camera: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process, "start_process", None)
+    monkeypatch.setattr(process, "start_blender", None)
     bpy.ops.mesh.primitive_cube_add()
     assert len(extract().scene.meshes) == 1
     make_cloud(scene_with_camera)

@@ -1,0 +1,60 @@
+"""Blenders of our own leave nothing behind: what they put among the temporary files goes with their folder."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from addon.denoising import process as denoising
+from addon.own_blender.command import list_orders_command, start_blender
+from addon.voxels import process as voxels
+
+pytestmark = pytest.mark.blender
+
+
+def test_its_own_temporary_files_lie_in_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blender makes a folder when it starts; ended by force, it cannot remove it."""
+    elsewhere, folder = tmp_path / "elsewhere", tmp_path / "folder"
+    elsewhere.mkdir()
+    folder.mkdir()
+    for name in ("TMPDIR", "TMP", "TEMP"):
+        monkeypatch.setenv(name, str(elsewhere))
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with start_blender(list_orders_command("voxels.sampling", folder), folder, **pipes) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(b"1\n")  # there is no such file, which it says once it runs
+        process.stdin.flush()
+        assert any(line.startswith(b"FAILED 1 ") for line in process.stdout)
+        process.kill()
+    assert list(folder.iterdir()), "Blender has temporary files, or this tests nothing"
+    assert list(elsewhere.iterdir()) == []
+
+
+def start_voxels() -> Any:
+    reader = voxels.VoxelReader()
+    reader._start()
+    return reader
+
+
+@pytest.mark.parametrize("start", [start_voxels, denoising.Process])
+def test_nothing_is_left_of_those_who_are_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start: Callable[[], Any]
+) -> None:
+    folders: list[Path] = []
+
+    def note(command: list[str], folder: Path, **options: Any) -> Any:
+        folders.append(folder)
+        return start_blender(command, folder, **options)
+
+    for module in (voxels, denoising):
+        monkeypatch.setattr(module, "start_blender", note)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    process = start()
+    assert list(tmp_path.iterdir()) == folders, "its files lie in the folder that is removed"
+    process.close()
+    assert list(tmp_path.iterdir()) == []
