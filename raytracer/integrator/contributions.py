@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from raytracer.arrays.rows import mean_column, sum_columns
-from raytracer.arrays.types import Booleans, Floats, Indices
+from raytracer.arrays.types import Booleans, Floats, Indices, Integers
 from raytracer.bsdfs.bounce_kinds import SCATTERED, describe_kinds
 from raytracer.bsdfs.lobe_colors import sum_lobe_colors
 from raytracer.casting.rays import Hits
@@ -124,12 +124,22 @@ def add_visible_group(
     rows = np.flatnonzero(meet_lights(paths.kind, group.example.seen_by))
     paths, hits = paths.select(rows), hits.select(rows)
     ray, number = find_near_lights(group.tree, paths.scatter_origin, paths.rays.directions)
-    points = group.describe(paths.scatter_origin[ray], paths.scatter_normal[ray], paths.scatterer[ray])
-    chance = group.find_chance(number, points)
+    chance = find_chances(group, paths, ray, number)
     for light, pairs in split_by_light(group, number):
         met = ray[pairs]
         within = None if dim is None else partial(_dim_some, dim, rows[met])
         add_visible_light(integrator, light, passes, paths.select(met), hits.select(met), chance[pairs], within)
+
+
+def find_chances(group: LightGroup, paths: Paths, ray: Indices, light: Integers) -> Floats:
+    """Return the probabilities (k,) with which lights (k,) were aimed at where the rays (k,) of paths come from; 1 for
+    those that no light sample could have taken."""
+    chance = np.ones(len(ray))
+    rows = np.flatnonzero(np.isfinite(paths.density.take(ray)))
+    near, row = np.unique(ray.take(rows), return_inverse=True)
+    points = group.describe(paths.scatter_origin[near], paths.scatter_normal[near], paths.scatterer[near])
+    chance[rows] = group.find_chances(light.take(rows), row, points)
+    return chance
 
 
 def _dim_some(dim: Dim, chosen: Indices, rows: Indices, distance: Floats) -> Floats:

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Container, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -53,6 +53,7 @@ from raytracer.lights.environment import (
 )
 from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.light_nodes import ComputedLight, vary_samples
+from raytracer.lights.light_picks import Picks
 from raytracer.lights.light_shapes import LightSamples
 from raytracer.lights.lights import has_extent, sample_light
 from raytracer.lights.shared_points import is_near, is_shareable, sample_shared, share_points
@@ -79,6 +80,7 @@ class ShadingPoints:
     sampler : begins with the wave's dimensions
     lift : tells which shadow rays start higher (`terminator`); None where none do
     bounces : (n,) the bounces of all kinds of the paths; None where no light asks
+    picks : by group of lights, those that its sources aim at: the first of them picks for all
     """
 
     surface: Surface
@@ -87,6 +89,7 @@ class ShadingPoints:
     sampler: Sampler
     lift: Lift | None = None
     bounces: Counts | None = None
+    picks: dict[Any, Picks] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

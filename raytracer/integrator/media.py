@@ -36,6 +36,7 @@ from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_passes import add_met
 from raytracer.integrator.media_light import (
     MediumPoints,
+    describe_points,
     find_place,
     follows_media,
     go_on_scattered,
@@ -248,7 +249,8 @@ def choose_points(
         throughput = ways.paths.throughput * scattered
         throughput = np.divide(throughput, density[:, np.newaxis], out=np.zeros_like(throughput), where=usable)
         points = make_points(media, ways, chosen, mixture, throughput)
-        shadow_rays.append(light_points(integrator, passes, points, number, source, 1.0, integrator.dimensions.lit))
+        lit = describe_points(integrator, points, integrator.dimensions.lit)
+        shadow_rays.append(light_points(integrator, passes, points, number, source, 1.0, lit))
         own, other = known(distance)[there], find_angle_density(angles, distance)[there]
         shares[number] = np.divide(own, own + other, out=np.ones_like(own), where=own + other > 0)
     return shares, shadow_rays
@@ -275,8 +277,9 @@ def light_all(integrator: Integrator, passes: PathPasses, stage: Stage) -> list[
     points, shares = stage.points, stage.shares
     if not len(points):
         return []
+    lit = describe_points(integrator, points, 0)
     rays = [
-        light_points(integrator, passes, points, number, source, shares.get(number, 1.0), 0)
+        light_points(integrator, passes, points, number, source, shares.get(number, 1.0), lit)
         for number, source in list_sources(integrator)
     ]
     return rays + light_by_world(integrator, passes, points, find_dimension(integrator))

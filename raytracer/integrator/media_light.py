@@ -109,15 +109,14 @@ def light_points(
     number: int,
     source: LightSource,
     share: Numbers | float,
-    dimension: int,
+    lit: ShadingPoints,
 ) -> ShadowRays:
     """Return shadow rays from points to samples of one source.
 
     share : (n,) of its light that these points stand for, where others are chosen for it as well
-    dimension : of the numbers that sources count theirs from
+    lit : the points as sources see them
     """
-    sampler = points.sampler.skip(dimension + source.dimension)
-    found = source.sample(describe_points(integrator, points, sampler))
+    found = source.sample(replace(lit, sampler=lit.sampler.skip(source.dimension)))
     light = found.light
     if source.share != 1.0:
         light = replace(light, density=source.share * light.density)
@@ -139,15 +138,19 @@ def is_met(integrator: Integrator, source: LightSource) -> bool:
     return source.group in integrator.visible_groups if isinstance(source, PickedLight) else True
 
 
-def describe_points(integrator: Integrator, points: MediumPoints, sampler: Sampler) -> ShadingPoints:
-    """Return points in media as sources of light see them: without a normal."""
+def describe_points(integrator: Integrator, points: MediumPoints, dimension: int) -> ShadingPoints:
+    """Return points in media as sources of light see them: without a normal.
+
+    dimension : of the numbers that sources count theirs from
+    """
     count = len(points)
     nothing = np.zeros((count, 3))
     surface: Surface = imagine_surface(points.position, nothing, -points.before, True, np.zeros((count, 2)))
     surface = replace(surface, instance=points.instance)
     shading = Shading(nothing, nothing, -points.before, nothing, nothing, nothing, ())
     depths = find_depths(integrator, points.paths)
-    return ShadingPoints(surface, shading, depths, sampler, None, count_all(integrator, points.paths))
+    bounces = count_all(integrator, points.paths)
+    return ShadingPoints(surface, shading, depths, points.sampler.skip(dimension), None, bounces)
 
 
 def find_depths(integrator: Integrator, paths: Paths) -> Depths:

@@ -1,14 +1,9 @@
 """Many lights as a few sources: from each point a few of the lights are aimed at, picked by a `LightTree`.
 
 Where there are few lights every one is a source of its own (`light_sources`), for that leaves the least noise. For many
-alike there are m sources. With a number u of each point the source j picks the light in whose part, of a length p, of
-the unit interval (u + j) / m lies; where the one before has picked it already it is left out. So a light is aimed at
-once with the probability min(1, m p): what matters always, of all the rest a few. A sample has the density of the light
-times that, by which rays that meet the light are weighed as well.
-
-References
-----------
-W. G. Madow, "On the Theory of Systematic Sampling, II", 1949.
+alike there are a few sources, which pick as many lights for each point (`light_picks`): what matters always, of
+all the rest a few. A sample has the density of the light times its chance to be aimed at from there, by which rays that
+meet the light are weighed as well.
 """
 
 from __future__ import annotations
@@ -23,10 +18,12 @@ from numpy.typing import NDArray
 from raytracer.arrays.types import Floats, Indices, Integers
 from raytracer.integrator.light_sources import ALONE, LIGHT, KeyedSamples, LightSource, ShadingPoints
 from raytracer.lights.light_bounds import has_place
+from raytracer.lights.light_importance import Receivers
 from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.light_nodes import ComputedLight, vary_samples
+from raytracer.lights.light_picks import Picks, find_chances, pick_lights
 from raytracer.lights.light_shapes import LightSamples, divide_rows
-from raytracer.lights.light_tree import LightTree, Receivers, find_probability, make_light_tree, pick_lights
+from raytracer.lights.light_tree import LightTree, make_light_tree
 from raytracer.lights.lights import has_extent, sample_light
 from raytracer.lights.stacked_lights import LightStack, stack_lights
 from raytracer.scene.fields import ALL_SETS
@@ -67,11 +64,18 @@ class LightGroup:
 
     def describe(self, position: Floats, normal: Floats, instance: Integers) -> Receivers:
         """Return what the tree asks of points (n, 3) with normals (n, 3) on instances (n,)."""
-        return Receivers(position, normal, None if self.links is None else self.links.light_set[instance])
+        sets = None if self.links is None else self.links.light_set[instance]
+        return Receivers(np.ascontiguousarray(position.T), np.ascontiguousarray(normal.T), sets)
 
-    def find_chance(self, light: NDArray[np.integer], points: Receivers) -> Floats:
-        """Return the probability (n,) with which a light (n,) is aimed at from n points."""
-        return np.minimum(PICKS * find_probability(self.tree, light, points), 1.0)
+    def pick(self, points: ShadingPoints, choice: Floats) -> Picks:
+        """Return what is aimed at from n points; choice : (n,) uniform numbers."""
+        surface = points.surface
+        receivers = self.describe(surface.position, points.shading.normal, surface.instance)
+        return pick_lights(self.tree, receivers, choice, PICKS)
+
+    def find_chances(self, light: NDArray[np.integer], row: Indices, points: Receivers) -> Floats:
+        """Return the probabilities (k,) with which lights (k,) are aimed at from points by their rows (k,)."""
+        return find_chances(self.tree, light, row, points, PICKS)
 
 
 def split_lights(
@@ -98,7 +102,7 @@ def split_lights(
 class PickedLight(LightSource):
     """One of the lights of a group: a number to pick by, and a pair for the place.
 
-    number : of the source among the group's; each picks from a part of its own of the unit interval
+    number : of the source among the group's, which pick together
     light_groups : (lights,) int32, as of LightSource, of each light; None where nobody asks
     """
 
@@ -109,25 +113,23 @@ class PickedLight(LightSource):
     light_groups: Integers | None = None
 
     def sample(self, points: ShadingPoints) -> KeyedSamples:
-        """Return samples of the light that is picked for each point; of density 0 where another source has done so."""
+        """Return samples of the light that is picked for each point; of density 0 where this source picks none."""
         group, surface = self.group, points.surface
-        receivers = group.describe(surface.position, points.shading.normal, surface.instance)
-        # All sources of the group go by the number of the first.
-        choice = (self.number + points.sampler.uniform(-self.number * self.dimension_count)) / PICKS
-        picked = pick_lights(group.tree, receivers, choice)
-        aimed = (picked.probability > 0) & (picked.depth < 1.0 / PICKS)
-        stack = np.where(aimed, group.stack[picked.light], -1)
-        chance = np.minimum(PICKS * picked.probability, 1.0)
+        if group not in points.picks:
+            # All sources of the group go by the number of the first.
+            points.picks[group] = group.pick(points, points.sampler.uniform(-self.number * self.dimension_count))
+        light, chance = (of_sources[self.number] for of_sources in points.picks[group])
+        stack = np.where(light >= 0, group.stack[light], -1)
         found, pair = make_no_samples(len(surface)), points.sampler.uniform_pair(1)
         for number, of_stack in enumerate(group.stacks):
             rows = np.flatnonzero(stack == number)
             if not len(rows):
                 continue
-            samples = self._sample_lights(of_stack.take(group.row[picked.light[rows]]), points, rows, pair)
+            samples = self._sample_lights(of_stack.take(group.row[light[rows]]), points, rows, pair)
             found.direction[rows], found.distance[rows] = samples.direction, samples.distance
             found.weight[rows] = divide_rows(samples.weight, chance[rows])
             found.density[rows] = samples.density * chance[rows]
-        light_group = None if self.light_groups is None else self.light_groups[picked.light]
+        light_group = None if self.light_groups is None else self.light_groups[light]
         return KeyedSamples(found, np.full(len(surface), ALONE, np.int32), light_group=light_group)
 
     def _sample_lights(self, light: Light, points: ShadingPoints, rows: Indices, pair: Floats) -> LightSamples:

@@ -1,103 +1,60 @@
-"""Many lights: what the tree promises, against every light one by one."""
+"""Many lights: what the tree holds, against every light one by one."""
 
-from dataclasses import replace
+import itertools
 
 import numpy as np
+import pytest
 
 import raytracer
 from raytracer.arrays.vectors import normalize
-from raytracer.lights.light_tree import Receivers, find_near_lights, find_probability, make_light_tree, pick_lights
+from raytracer.lights.light_tree import LARGEST_CUT, OPENNESS, cut_nodes, find_near_lights, make_light_tree
 from raytracer.lights.lights import evaluate_light, has_extent, sample_light
 from raytracer.lights.stacked_lights import stack_lights
-from raytracer.scene.fields import ALL_SETS
-
-COUNT = 41  # no power of 2: leaves at different depths
+from tests.raytracer.lights.light_kinds import COUNT, make_lights
 
 
-def turn(rng):
-    """Return a random rotation (3, 3)."""
-    matrix = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return matrix * np.sign(np.linalg.det(matrix))
+def list_lights(tree, node):
+    """Return the lights below a node."""
+    if tree.second[node] < 0:
+        return [int(tree.light[node])]
+    return list_lights(tree, node + 1) + list_lights(tree, tree.second[node])
 
 
-def make_light(kind, place, power, matrix):
-    """Return one of ten kinds of lights that have a place."""
-    point, spot, area = raytracer.PointLight, raytracer.SpotLight, raytracer.AreaLight
-    u, v = matrix[:2]
-    return (
-        lambda: point(place, power),
-        lambda: point(place, power, radius=0.4),
-        lambda: point(place, -power, radius=0.3, soft_falloff=False),
-        lambda: spot(place, power, spot_size=0.9, world_from_light=3.0 * matrix),
-        lambda: spot(place, power, radius=0.5, spot_size=1.1, world_from_light=matrix * (1.0, 3.0, 0.5)),
-        lambda: spot(place, power, radius=0.5, soft_falloff=False, spot_blend=0.0, world_from_light=matrix),
-        lambda: area(place, u, 0.4 * v, power),
-        lambda: area(place, u, v, power, shape="ellipse"),
-        lambda: area(place, u, v, power, spread=0.8),
-        lambda: area(place, u, v, power, spread=0.0),
-    )[kind]()
+def cut(tree, position):
+    return cut_nodes(tree.clusters, tree.within, tree.second, position)
 
 
-def make_lights(rng, receivers=(ALL_SETS,)):
-    """Return lights of all kinds from all over a room of 10 m."""
-    lights = [
-        make_light(number % 10, rng.uniform(-5, 5, 3), rng.uniform(1, 20, 3), turn(rng)) for number in range(COUNT)
-    ]
-    return tuple(replace(light, receivers=receivers[k % len(receivers)]) for k, light in enumerate(lights))
+def test_a_cut_holds_every_light_once_and_no_group_that_looks_large():
+    rng = np.random.default_rng(5)
+    places = np.concatenate([rng.uniform(-50, 50, (300, 3)), rng.normal(scale=0.2, size=(50, 3))])
+    tree = make_light_tree(tuple(raytracer.PointLight(place, 1.0, radius=0.01) for place in places))
+    points = rng.uniform(-60, 60, (3, 40))
+    row, node = cut(tree, points)
+    for number in range(40):
+        nodes = node[row == number]
+        held = [list_lights(tree, one) for one in nodes]
+        assert sorted(itertools.chain(*held)) == list(range(350))
+        for lights in held:
+            box = places[lights] - 0.01, places[lights] + 0.01
+            low, high = box[0].min(axis=0), box[1].max(axis=0)
+            distance = np.linalg.norm((low + high) / 2 - points[:, number])
+            assert len(lights) == 1 or np.linalg.norm(high - low) / 2 <= np.sqrt(OPENNESS) * distance * (1 + 1e-9)
 
 
-def make_points(rng, count, sets=None):
-    """Return points with normals, some of them very near to lights."""
-    position = rng.uniform(-6, 6, (count, 3))
-    return Receivers(position, normalize(rng.normal(size=(count, 3))), sets)
+@pytest.mark.parametrize("size", [0.01, 5.0])
+def test_cuts_stay_small_however_many_lights_are_near(size):
+    """A thousand lights in a room of 10 m: small ones, and such as all reach into each other."""
+    rng = np.random.default_rng(6)
+    places = rng.uniform(-5, 5, (1000, 3))
+    tree = make_light_tree(tuple(raytracer.PointLight(place, 1.0, radius=size) for place in places))
+    row, _ = cut(tree, rng.uniform(-5, 5, (3, 500)))
+    assert len(row) / 500 < 1.25 * LARGEST_CUT
 
 
-def test_picked_lights_split_the_unit_interval_in_proportion_to_their_probability():
-    """An even grid of numbers hits a part of length p within one step. Parts are connected: each light is found once,
-    and where it begins the depth is within a step of 0. What is left leads to halves of which no light shines there."""
-    rng, steps = np.random.default_rng(1), 4096
-    tree = make_light_tree(make_lights(rng))
-    for row in range(20):
-        points = make_points(rng, 1).select(np.zeros(steps, np.intp))
-        light, probability, depth = pick_lights(tree, points, (np.arange(steps) + 0.5) / steps)
-        shines = probability > 0
-        expected = find_probability(tree, np.arange(COUNT), points.select(np.zeros(COUNT, np.intp)))
-        share = np.bincount(light[shines], minlength=COUNT) / steps
-        np.testing.assert_allclose(share, expected, rtol=0, atol=1.0 / steps, err_msg=str(row))
-        np.testing.assert_allclose(probability[shines], expected[light[shines]], rtol=1e-12)  # the same shares' product
-        begins = np.append(True, light[1:] != light[:-1])
-        assert (depth[begins & shines] < 1.0 / steps).all()
-        assert len(np.unique(light)) == begins.sum()
-
-
-def test_every_light_that_reaches_a_point_can_be_picked_there():
-    rng = np.random.default_rng(2)
-    sets = rng.integers(0, 3, 4000)
-    lights = make_lights(rng, receivers=(1, 2, 3, 4, 7))
-    tree, points = make_light_tree(lights), make_points(rng, 4000, sets)
-    shining = 0
-    for number, light in enumerate(lights):
-        samples = sample_light(light, points.position, rng.random((4000, 2)))
-        lit = (samples.weight != 0).any(axis=1) & (samples.density > 0) & (light.receivers >> sets & 1 != 0)
-        probability = find_probability(tree, np.full(4000, number), points)
-        assert (probability[lit] > 0).all(), light
-        assert not probability[light.receivers >> sets & 1 == 0].any()
-        shining += lit.sum()
-    assert shining > 10_000
-
-
-def test_lights_that_shine_away_are_not_picked():
-    """All else being equal, cones halve what is picked from: a wall of lights, half of them turned round."""
-    turned = np.diag([1.0, -1.0, -1.0])
-    lights = [
-        raytracer.SpotLight((x, 0, 5), 10.0, spot_size=1.0, world_from_light=turned if x % 2 else np.eye(3))
-        for x in range(40)
-    ]
-    tree = make_light_tree(tuple(lights))
-    points = Receivers(np.array([(20.0, 0, 0)]), np.array([(0.0, 0, 1)]), None).select(np.zeros(40, np.intp))
-    probability = find_probability(tree, np.arange(40), points)
-    assert not probability[1::2].any()
-    assert abs(probability.argmax() - 20) <= 2
+def test_a_thousand_lights_at_one_place_make_a_tree():
+    tree = make_light_tree((raytracer.PointLight((1, 2, 3), 1.0),) * 1000)
+    row, _ = cut(tree, np.array([[1.0, 1.1], [2, 2], [3, 3]]))
+    assert np.bincount(row)[1] < LARGEST_CUT
 
 
 def test_rays_come_near_all_the_lights_that_they_meet():
