@@ -13,7 +13,7 @@ import numpy as np
 
 from raytracer.arrays.rows import largest_column
 from raytracer.arrays.types import Floats
-from raytracer.lecture import dot, length
+from raytracer.lecture import cross, dot, length
 
 
 def normalize(vectors: Floats) -> Floats:
@@ -50,6 +50,16 @@ def make_frame(normals: Floats) -> tuple[Floats, Floats]:
     """Return two unit vectors, each (n, 3), that form a right-handed frame (u, v, normal) with unit normals (n, 3)."""
     u, v = _find_frame(*normals.T)
     return _join_components(*u), _join_components(*v)
+
+
+def make_slanted_frame(normals: Floats) -> tuple[Floats, Floats]:
+    """Return two unit vectors, each (n, 3), at right angles to unit normals (n, 3) and to each other: those of Cycles
+    (util/math_float3.h, make_orthonormals), none of which lies along an axis where the normal does."""
+    x, y, z = normals.T
+    even = (x == y) & (x == z)
+    first = np.stack([z - y, np.where(even, x + z, x - z), np.where(even, -y - x, y - x)], axis=1)
+    first = normalize(first)
+    return first, cross(normals, first)
 
 
 _Components = tuple[Floats, Floats, Floats]

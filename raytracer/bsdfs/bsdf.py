@@ -183,7 +183,8 @@ def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats) -> Fl
     """Return f |cos| (m, 3) of Lambertian parts with normals b of their own, for light from `incoming` i (m, 3).
 
     Light from behind the surface's own `normal` n (m, 3) is cut; before that it fades out as if the bumps were facets
-    that shadow each other: by 2 / (1 + sqrt(1 + a^2 tan^2(n, i))) with a^2 = tan^2(n, b) / 8, at most 1.
+    that shadow each other: by 2 / (1 + sqrt(1 + a^2 tan^2(n, i))) with a^2 = tan^2(n, b) / 8, at most 1. A normal at a
+    right angle, as a Bevel node's may be, faces either side.
 
     References
     ----------
@@ -193,7 +194,7 @@ def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats) -> Fl
     across, bend = dot(normal, incoming), dot(normal, part.normal)
     roughness = np.minimum(_squared_tangent(bend) / 8.0, 1.0)
     fading = 2.0 / (1.0 + np.sqrt(1.0 + roughness * _squared_tangent(across)))
-    return part.evaluate(incoming) * np.where(across * bend > 0, fading, 0.0)[:, np.newaxis]
+    return part.evaluate(incoming) * np.where(across * bend >= 0, fading, 0.0)[:, np.newaxis]
 
 
 def _squared_tangent(cosine: Floats) -> Floats:

@@ -22,12 +22,12 @@ from raytracer.integrator.contributions import describe_rays
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.paths import PathPasses, Paths
 from raytracer.lights.sky_aovs import list_written_by_sky
-from raytracer.sampling.dimensions import AOV_DIMENSION
+from raytracer.sampling.dimensions import AOV_BEVEL_DIMENSION, AOV_DIMENSION
 from raytracer.sampling.sampler import Sampler
 from raytracer.shading.aovs import list_written
 from raytracer.shading.computed import bend_normals
 from raytracer.shading.light_path import FARTHEST, put_further
-from raytracer.shading.occlusion import Probe
+from raytracer.shading.probes import Probe
 from raytracer.surfaces.surface import Surface
 
 
@@ -40,9 +40,10 @@ def add_surface_aovs(
     rows = np.flatnonzero(paths.direct & ~passes.found[paths.row])
     paths, surface = paths.select(rows), surface.select(rows)
     path = describe_rays(paths, hits.distance[rows])
-    if integrator.occlusion_test is not None:
+    if integrator.program_caster is not None:
         own = replace(sampler.select(paths.row), dimension=AOV_DIMENSION)
-        path = replace(path, probe=Probe(surface, integrator.occlusion_test, own))
+        bevel = AOV_BEVEL_DIMENSION - AOV_DIMENSION
+        path = replace(path, probe=Probe(surface, integrator.program_caster, own, bevel, paths.rarest))
     if integrator.materials.computed is not None:
         surface = bend_normals(integrator.materials.computed, surface, path)
     for name, points, values in list_written(integrator.aovs, surface, path):

@@ -46,7 +46,7 @@ from raytracer.scene.fields import ALL_SETS, SEEN_BY_ALL
 from raytracer.scene.light_groups import NO_GROUP
 from raytracer.scene.lights import Light
 from raytracer.shading.light_path import FARTHEST, LightPath, put_further
-from raytracer.shading.occlusion import Probe
+from raytracer.shading.probes import Probe
 from raytracer.surfaces.screen_motion import find_vectors
 from raytracer.surfaces.surface import Surface
 
@@ -339,10 +339,10 @@ def describe_path(
     if integrator.materials.computed is None:
         return None
     path = describe_rays(paths, hits.distance)
-    if integrator.occlusion_test is None or integrator.dimensions.programs is None:
+    if integrator.program_caster is None or integrator.dimensions.programs is None:
         return path
     own = sampler.select(paths.row).skip(integrator.dimensions.programs)
-    return replace(path, probe=Probe(surface, integrator.occlusion_test, own))
+    return replace(path, probe=Probe(surface, integrator.program_caster, own, 1, paths.rarest))
 
 
 def describe_rays(paths: Paths, distance: Floats | float) -> LightPath:

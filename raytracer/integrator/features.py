@@ -17,7 +17,7 @@ from raytracer.scene.lights import World
 from raytracer.scene.materials import HAIR_KINDS, Closure, Material
 from raytracer.scene.programs import Register
 from raytracer.scene.scene import Scene
-from raytracer.shading.evaluate import casts_rays, reads_light_path
+from raytracer.shading.evaluate import BEVEL, casts_rays, reads_light_path
 
 DIFFUSE_KINDS = ("diffuse", "translucent", "sheen", "velvet", "toon", "glossy_toon", "subsurface")
 SPECULAR_KINDS = ("glossy", "glass", "refraction", "principled", "metal", "conductor", *HAIR_KINDS)
@@ -49,7 +49,8 @@ class Features:
     ray_visibility : an object is hidden from some rays
     programs : a parameter of a material is computed at each point
     light_path : a program of a material asks how the ray came
-    occlusion : a program casts rays
+    program_rays : a program casts rays
+    bevels : a program rounds normals off
     light_nodes : a light has nodes that vary
     light_bounces : a light or the world has a limit of bounces
     media : a material or the world has a volume
@@ -73,7 +74,8 @@ class Features:
     ray_visibility: bool
     programs: bool
     light_path: bool
-    occlusion: bool
+    program_rays: bool
+    bevels: bool
     light_nodes: bool
     light_bounces: bool
     media: bool = False
@@ -185,7 +187,8 @@ def derive_features(scene: Scene) -> Features:
         programs=any(closure.registers or closure.vectors for closure in closures)
         or any(material.normal is not None for material in scene.materials),
         light_path=any(reads_light_path(material.program) for material in scene.materials),
-        occlusion=any(casts_rays(material.program) for material in scene.materials),
+        program_rays=any(casts_rays(material.program) for material in scene.materials),
+        bevels=any(casts_rays(material.program, (BEVEL,)) for material in scene.materials),
         light_nodes=any(light.nodes is not None for light in scene.lights),
         light_bounces=any(light.max_bounces is not None for light in (*scene.lights, *filter(None, [scene.world]))),
         media=any(map(has_medium, scene.materials)) or (scene.world is not None and has_medium(scene.world)),

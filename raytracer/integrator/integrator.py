@@ -37,7 +37,7 @@ from raytracer.scene.light_groups import NO_GROUP
 from raytracer.scene.lights import Light
 from raytracer.shading.aovs import MaterialAovs
 from raytracer.shading.materials import MaterialTable
-from raytracer.shading.occlusion import OcclusionTest
+from raytracer.shading.probes import ProgramCaster
 from raytracer.surfaces.screen_motion import ScreenMotion
 from raytracer.surfaces.surface_tables import SurfaceTables
 from raytracer.surfaces.terminator import Lift, Terminator, lift_points
@@ -60,7 +60,7 @@ class Integrator:
     emitters : None where nothing is emissive
     background : the world, or None where it is black
     visibility : how shadow rays fare
-    occlusion_test : tells which rays of programs are blocked; None where no program casts any
+    program_caster : casts rays for programs; None where no program casts any
     holdout : (instances + groups,) bool, or None where nothing punches holes
     pass_index : (instances + groups,) int32
     needs_light : False where all passes are known at the first surface
@@ -96,7 +96,7 @@ class Integrator:
     background: Environment | None
     visibility: Visibility
     cast_shadow: CastShadows
-    occlusion_test: OcclusionTest | None
+    program_caster: ProgramCaster | None
     holdout: Booleans | None
     pass_index: NDArray[np.int32]
     needs_light: bool

@@ -66,7 +66,7 @@ from raytracer.shading.aovs import computes_aovs, make_material_aovs
 from raytracer.shading.computed import list_scene_attributes
 from raytracer.shading.evaluate import reads_light_path
 from raytracer.shading.materials import MaterialTable, find_radiance, make_material_table
-from raytracer.shading.occlusion import make_occlusion_test
+from raytracer.shading.probes import make_program_caster
 from raytracer.shading.site_tables import make_site_tables
 from raytracer.surfaces.places import make_order
 from raytracer.surfaces.screen_motion import make_screen_motion
@@ -132,8 +132,8 @@ def prepare(
     if written:
         aovs = make_material_aovs(scene, written, sites)
         whole = replace(whole, aovs=aovs, sky_aovs=make_sky_aovs(scene.world, written, scene.camera, resolution))
-        if aovs is not None and aovs.casts_rays and whole.occlusion_test is None:
-            whole = replace(whole, occlusion_test=make_occlusion_test(caster, whole.cast, make_order(tables)))
+        if aovs is not None and aovs.casts_rays and whole.program_caster is None:
+            whole = replace(whole, program_caster=make_program_caster(caster, whole.cast, make_order(tables)))
     if not catches_shadows(features, settings):
         return whole
     is_catcher = gather_records(scene, "shadow_catcher", np.bool_)
@@ -203,7 +203,7 @@ def _compose(
         sources += make_world_sources(background, features.light_path or is_seen_by_some(seen_by, LOOKING))
     dimensions = allocate_dimensions(
         [source.dimension_count for source in sources],
-        programs=features.occlusion,
+        programs=features.program_rays + features.bevels,
         roulette=interreflects or scatters,
         walk_count=count_numbers() if features.subsurface else 0,
         media=media is not None,
@@ -254,7 +254,7 @@ def _compose(
         background=background,
         visibility=visibility,
         cast_shadow=cast_shadow,
-        occlusion_test=make_occlusion_test(caster, cast, order) if features.occlusion else None,
+        program_caster=make_program_caster(caster, cast, order) if features.program_rays else None,
         holdout=gather_records(scene, "holdout", np.bool_) if features.holdout else None,
         pass_index=gather_records(scene, "pass_index", np.int32),
         needs_light=needs_light,

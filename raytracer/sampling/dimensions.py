@@ -26,6 +26,8 @@ AOV_DIMENSION = 2**32 - 4
 OCCLUSION_DIMENSION = 2**32 - 5
 # When rays leave, where something moves; sets of pixels share it.
 TIME_DIMENSION = 2**32 - 6
+# Where rays go that look for normals around, for passes which shaders write.
+AOV_BEVEL_DIMENSION = 2**32 - 7
 # Dimensions from here on belong to the sets of pixels that share samples.
 SHARED_DIMENSION = 2**31
 
@@ -65,19 +67,19 @@ class WaveDimensions:
 
 
 def allocate_dimensions(
-    source_counts: Sequence[int], programs: bool, roulette: bool, walk_count: int = 0, media: bool = False
+    source_counts: Sequence[int], programs: int, roulette: bool, walk_count: int = 0, media: bool = False
 ) -> WaveDimensions:
     """Return the table of a wave.
 
     source_counts : how many numbers each source of light takes
-    programs : True where shader programs cast rays
+    programs : how many numbers the rays take that shader programs cast, for each purpose one
     roulette : True where paths end by chance
     walk_count : how many numbers a way through what is below a surface takes; 0 where there are none
     media : True where ways lead through media
 
     Examples
     --------
-    >>> wave = allocate_dimensions([2, 1], programs=True, roulette=True)
+    >>> wave = allocate_dimensions([2, 1], programs=1, roulette=True)
     >>> wave.sources, wave.count
     ((2, 4), 7)
     """

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,18 @@ class Sampler:
     def uniform_pair(self, dimension: int = 0) -> Floats:
         """Return (n, 2) float64 in [0, 1) x [0, 1), each path its own."""
         return self.own.uniform_pair(self.dimension + dimension)
+
+
+def number_branches(sampler: Sampler, count: int) -> Iterator[Sampler]:
+    """Yield the samplers of `count` ways on that each path tries at once.
+
+    Each sample of a pixel has the next `count` points of one sequence, so that all samples fill it together.
+    """
+    own = sampler.own
+    first = np.asarray(own.sample, dtype=np.uint32) * np.uint32(count)
+    for number in range(count):
+        sample = np.broadcast_to(first + np.uint32(number), len(own))
+        yield replace(sampler, own=replace(own, sample=sample))
 
 
 def share_samples(samples: SobolSamples) -> SharedSamples | None:

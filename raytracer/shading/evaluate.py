@@ -18,7 +18,7 @@ reads is not computed. What a function reads of the point it takes from the site
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,9 @@ from raytracer.shading.site import Site
 
 # What the operations of the Light Path node begin with.
 LIGHT_PATH = "LIGHT_PATH "
+# The operations that cast rays, of which one draws numbers of its own.
+BEVEL = "BEVEL"
+CASTING = ("AMBIENT_OCCLUSION", BEVEL)
 
 OPERATIONS: dict[str, Operation] = {
     **arithmetic.OPERATIONS,
@@ -251,6 +254,6 @@ def reads_place(program: Program, needed: tuple[int, ...]) -> bool:
     return any(OPERATIONS[step.operation].reads_site and not step.operation.startswith(LIGHT_PATH) for step in steps)
 
 
-def casts_rays(program: Program | None) -> bool:
-    """True where a program casts rays from the points where it is evaluated."""
-    return program is not None and any(step.operation == "AMBIENT_OCCLUSION" for step in list_steps(program))
+def casts_rays(program: Program | None, kinds: Collection[str] = CASTING) -> bool:
+    """True where a program casts rays from the points where it is evaluated; kinds : of operations, that count."""
+    return program is not None and any(step.operation in kinds for step in list_steps(program))

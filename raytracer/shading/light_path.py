@@ -14,7 +14,7 @@ import numpy as np
 from raytracer.arrays.rows import sum_columns, take_rows
 from raytracer.arrays.types import Counts, Floats, Kinds
 from raytracer.bsdfs.bounce_kinds import COUNTED, count_bounces, describe_kinds
-from raytracer.shading.occlusion import Probe
+from raytracer.shading.probes import Probe
 
 
 @dataclass(frozen=True, eq=False)

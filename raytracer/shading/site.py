@@ -18,7 +18,7 @@ from raytracer.casting.geometry import Kind, join_id, transform_points, world_co
 from raytracer.film.camera import find_on_film
 from raytracer.lecture import cross, dot
 from raytracer.shading.light_path import LightPath
-from raytracer.shading.occlusion import Probe
+from raytracer.shading.probes import Probe
 from raytracer.shading.site_tables import TANGENT, UNDISPLACED, CameraView, SiteTables
 from raytracer.surfaces.surface import Surface
 from raytracer.surfaces.surface_tables import gather_corners

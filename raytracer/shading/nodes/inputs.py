@@ -17,6 +17,7 @@ from raytracer.bsdfs.fresnel import dielectric_reflectance
 from raytracer.lecture import dot, length
 from raytracer.shading.light_path import FARTHEST
 from raytracer.shading.nodes.operation import Array, Operation, divide, spread
+from raytracer.shading.occlusion import find_open
 from raytracer.shading.site import Site
 
 SMALLEST_IOR = 1e-5  # as in Cycles
@@ -109,7 +110,7 @@ def occlude(
         return np.asarray(color), np.ones(())
     around = normalize(np.broadcast_to(np.asarray(normal, float), (len(site), 3)))
     reach = np.broadcast_to(np.asarray(distance, float), len(site))
-    open_ = site.probe.find_open(-around if inside else around, reach, samples, only_local)
+    open_ = find_open(site.probe, -around if inside else around, reach, samples, only_local)
     return color * spread(open_), open_
 
 

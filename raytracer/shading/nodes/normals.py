@@ -1,4 +1,4 @@
-"""Normals that textures bend: Normal Map, Bump and Displacement; and Tangent.
+"""Normals that textures, or edges, bend: Normal Map, Bump, Bevel and Displacement; and Tangent.
 
 References
 ----------
@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.arrays.vectors import normalize
+from raytracer.arrays.vectors import make_slanted_frame, normalize
 from raytracer.lecture import cross, dot
 from raytracer.scene.programs import Program
+from raytracer.shading.bevel import round_off
 from raytracer.shading.nodes.operation import Array, Operation, mix, saturate, spread
 from raytracer.shading.site import Site
 from raytracer.shading.site_tables import UNDISPLACED
@@ -94,6 +95,19 @@ def bump(
     return site.normal_to_world(found) if of_object else found
 
 
+def bevel(site: Site, radius: Any, normal: Any, *, samples: int) -> Array:
+    """A normal turned as the surface's own is by what of the object is around, within a radius.
+
+    Where no rays are cast, at lights, for shadow rays and in the world, the surface's own stands.
+    """
+    own = site.normal
+    if site.probe is None:
+        return own
+    radius = np.broadcast_to(np.asarray(radius, float), len(site))
+    rounded = round_off(site.probe, site.tables.surface, own, radius, samples)
+    return normalize(np.asarray(normal, float) + (rounded - own))
+
+
 def displace(site: Site, height: Any, midlevel: Any, scale: Any, normal: Any, *, space: str) -> Array:
     """The way that a height moves the surface along a normal, in the size of the object or of the world."""
     count = len(site)
@@ -117,13 +131,10 @@ def displace_freely(site: Site, vector: Any, midlevel: Any, scale: Any, *, space
 
 
 def pixel_axes(site: Site) -> tuple[Array, Array]:
-    """Two vectors (n, 3) of a pixel's size at right angles in the flat surface, those of Cycles (make_orthonormals)."""
-    x, y, z = site.geometric_normal.T
-    even = (x == y) & (x == z)
-    first = np.stack([z - y, np.where(even, x + z, x - z), np.where(even, -y - x, y - x)], axis=1)
-    first = normalize(first)
+    """Two vectors (n, 3) of a pixel's size at right angles in the flat surface."""
+    first, second = make_slanted_frame(site.geometric_normal)
     size = site.footprint[:, np.newaxis]
-    return size * first, size * cross(site.geometric_normal, first)
+    return size * first, size * second
 
 
 def read_tangent_of_map(site: Site, *, name: str) -> Array:
@@ -174,6 +185,7 @@ OPERATIONS = {
         links=_NORMAL,
         attributes=lambda settings: (UNDISPLACED,) if settings.get("of_object") else (),
     ),
+    "BEVEL": Operation(bevel, ("Radius", "Normal"), ("Normal",), ("samples",), reads_site=True, links=_NORMAL),
     "DISPLACEMENT": Operation(
         displace,
         ("Height", "Midlevel", "Scale", "Normal"),

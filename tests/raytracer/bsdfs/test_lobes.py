@@ -8,7 +8,7 @@ import pytest
 import raytracer.bsdfs.sheen_table as sheen_table
 from raytracer.bsdfs import principled
 from raytracer.bsdfs.bsdf import evaluate_tilted, lobe_probabilities, sample_bsdf
-from raytracer.bsdfs.closures import Closures
+from raytracer.bsdfs.closures import Closures, TiltedDiffuse
 from raytracer.bsdfs.diffuse import Toon, Velvet, make_rough_matte, make_sheen
 from raytracer.bsdfs.distributions import (
     beckmann_density,
@@ -244,6 +244,14 @@ def test_sheen_lies_over_everything_and_translucence_on_the_far_side():
     np.testing.assert_allclose(evaluate_tilted(behind, UP, -UP), 0.5 / np.pi)
     np.testing.assert_array_equal(evaluate_tilted(behind, UP, UP), 0.0)
     assert behind.transmits
+
+
+def test_a_normal_at_a_right_angle_faces_either_side():
+    """Light at 60 degrees from both: a = 1 there, and tan^2 = 3, so that 2 / (1 + sqrt(1 + 3)) arrives."""
+    part = TiltedDiffuse(np.zeros(1, int), np.array([(1.0, 0.0, 0.0)]), np.ones((1, 3)))
+    incoming = np.array([(0.5, np.sqrt(0.5), 0.5)])
+    np.testing.assert_allclose(evaluate_tilted(part, UP, incoming), 0.5 / np.pi * 2.0 / 3.0)
+    np.testing.assert_allclose(evaluate_tilted(part, -UP, incoming), 0.5 / np.pi * 2.0 / 3.0)
 
 
 def test_anisotropy_keeps_the_mean_roughness_unless_it_is_cut():

@@ -19,7 +19,8 @@ from raytracer.scene.materials import Closure, Material
 from raytracer.scene.programs import Program, Register, Step
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Instances, Mesh, Spheres
-from raytracer.shading.occlusion import Probe
+from raytracer.shading.occlusion import find_open
+from raytracer.shading.probes import Probe, ProgramCaster
 from raytracer.surfaces.surface import make_surface
 from tests.forbidding import forbid
 
@@ -156,9 +157,10 @@ def test_rays_are_the_samples_own_and_fill_one_sequence():
     def list_rays(samples, count):
         cast.clear()
         own = SobolSamples(np.zeros(len(samples), np.uint32), np.array(samples, np.uint32), 0)
-        probe = Probe(surface.select(slice(0, len(samples))), keep, Sampler(own, None, 5))
+        caster = ProgramCaster(keep, integrator.cast_inside, integrator.cast)
+        probe = Probe(surface.select(slice(0, len(samples))), caster, Sampler(own, None, 5), 1, np.ones(len(samples)))
         normal = np.tile(UP, (len(samples), 1))
-        assert (probe.find_open(normal, np.ones(len(samples)), count, own=False) == 1.0).all()
+        assert (find_open(probe, normal, np.ones(len(samples)), count, own=False) == 1.0).all()
         return np.stack(cast, axis=1).reshape(-1, 3)
 
     np.testing.assert_array_equal(list_rays([0, 1], 4), list_rays([0], 8))
@@ -196,7 +198,7 @@ def test_lights_and_the_world_are_open():
 
 
 def test_without_such_programs_no_ray_is_prepared(monkeypatch):
-    forbid(monkeypatch, "make_occlusion_test", "Probe")
+    forbid(monkeypatch, "make_program_caster", "Probe")
     plain = Material([Closure("emission", color=1.0)])
     assert (look_down(make_scene(plain, FLOOR), count=16) == 1.0).all()
     with pytest.raises(AssertionError, match="does not need"):

@@ -170,14 +170,14 @@ def test_nested_node_groups_are_entered_and_left_again(tree: Any) -> None:
 
 def test_unknown_node_is_replaced_by_the_sockets_value_and_named_once(tree: Any, shown: Any) -> None:
     principled = add(tree, "ShaderNodeBsdfPrincipled", Base_Color=(0.25, 0.5, 1, 1))
-    bevel = tree.nodes.new("ShaderNodeBevel")
-    tree.links.new(bevel.outputs[0], principled.inputs["Base Color"])
+    squeeze = tree.nodes.new("ShaderNodeSqueeze")
+    tree.links.new(squeeze.outputs[0], principled.inputs["Base Color"])
     twin = bpy.data.objects.new("Twin", shown.data)
     bpy.context.scene.collection.objects.link(twin)
     assert_array_equal(extract_closure().color, (0.25, 0.5, 1))
     (warning,) = extract().warnings
     assert (warning.material, warning.object) == ("Material", "Object")
-    assert "node 'Bevel' (Bevel) is not supported" in warning.text
+    assert f"node '{squeeze.name}' ({squeeze.bl_label}) is not supported" in warning.text
     assert "'Base Color' of node 'Principled BSDF' keeps its own value" in warning.text
 
 

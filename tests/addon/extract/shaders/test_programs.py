@@ -105,7 +105,7 @@ def test_only_what_varies_becomes_steps(tree: Any) -> None:
 
 def test_what_nothing_reads_is_not_visited(tree: Any, shown: Any) -> None:
     """A node beside the graph, an output that nothing uses, a mix of weight 0: no step, no warning, no attribute."""
-    tree.nodes.new("ShaderNodeBevel")
+    tree.nodes.new("ShaderNodeSqueeze")
     attribute = add_node(tree, "ShaderNodeAttribute", attribute_name="number")
     tree.links.new(attribute.outputs["Fac"], tree.nodes.new("ShaderNodeGamma").inputs["Gamma"])
     mix = tree.nodes.new("ShaderNodeMixShader")
