@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 
 from blend_scenes import building
+from blend_scenes.shader_nodes import add_node
 
 
 def build() -> None:
@@ -19,19 +20,6 @@ def build() -> None:
     add_shield()
     building.add_light("Sun", "SUN", 4.0, (-6.0, -3.0, 3.2), (0, 0, 0), (1.0, 0.92, 0.8), angle=0.02)
     building.add_camera((0.0, -7.6, 3.1), (0.0, 0.2, 0.8), 50)
-
-
-def add_node(tree: bpy.types.NodeTree, kind: str, inputs: dict[str, Any], **properties: Any) -> bpy.types.Node:
-    """Add a node, set its properties, and its inputs by name: values, or sockets to link."""
-    node = tree.nodes.new(kind)
-    for name, value in properties.items():
-        setattr(node, name, value)
-    for name, value in inputs.items():
-        if isinstance(value, bpy.types.NodeSocket):
-            tree.links.new(value, node.inputs[name])
-        else:
-            node.inputs[name].default_value = value
-    return node
 
 
 def displace(material: bpy.types.Material, height: bpy.types.NodeSocket, scale: float) -> None:

@@ -13,6 +13,7 @@ import bmesh
 import bpy
 
 from blend_scenes import building
+from blend_scenes.shader_nodes import add_node, connect, make_material, open_tree
 
 
 def build() -> None:
@@ -35,47 +36,11 @@ def build() -> None:
     building.allow_bounces("volume", 2)
 
 
-def open_tree(owner: Any) -> Any:
-    """Return the shader tree of a material or a world."""
-    if owner.node_tree is None:
-        owner.use_nodes = True
-    return owner.node_tree
-
-
-def add_node(tree: Any, kind: str, inputs: dict[str, Any] | None = None, **properties: Any) -> Any:
-    """Add a node; inputs by name: values, or outputs that feed them."""
-    node = tree.nodes.new(kind)
-    for name, value in properties.items():
-        setattr(node, name, value)
-    for name, value in (inputs or {}).items():
-        socket = next(item for item in node.inputs if item.name == name and item.enabled)
-        if isinstance(value, bpy.types.NodeSocket):
-            tree.links.new(value, socket)
-        else:
-            socket.default_value = value
-    return node
-
-
 def add_haze() -> None:
     """Thin air everywhere, which shows where the lamp shines."""
     tree = open_tree(bpy.context.scene.world)
     haze = add_node(tree, "ShaderNodeVolumeScatter", {"Density": 0.025, "Anisotropy": 0.3, "Color": (1, 1, 1, 1)})
     tree.links.new(haze.outputs[0], tree.nodes["World Output"].inputs["Volume"])
-
-
-def make_material(name: str, surface: str = "") -> tuple[Any, Any]:
-    """Return a material and its tree, emptied but for its output, with a node of the kind `surface` or none."""
-    material = bpy.data.materials.new(name)
-    tree = open_tree(material)
-    tree.nodes.remove(tree.nodes["Principled BSDF"])
-    if surface:
-        shell = add_node(tree, surface, {"Roughness": 0.0, "IOR": 1.45})
-        tree.links.new(shell.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
-    return material, tree
-
-
-def fill(tree: Any, node: Any) -> None:
-    tree.links.new(node.outputs[0], tree.nodes["Material Output"].inputs["Volume"])
 
 
 def find_billows(tree: Any, scale: float, size: float) -> Any:
@@ -87,9 +52,8 @@ def find_billows(tree: Any, scale: float, size: float) -> Any:
     thick = add_node(tree, "ShaderNodeMath", operation="ADD")
     tree.links.new(noise, thick.inputs[0])
     tree.links.new(inside.outputs[0], thick.inputs[1])
-    return add_node(tree, "ShaderNodeMapRange", {"Value": thick.outputs[0], "From Min": 0.5, "From Max": 0.75}).outputs[
-        0
-    ]
+    shape = {"Value": thick.outputs[0], "From Min": 0.5, "From Max": 0.75}
+    return add_node(tree, "ShaderNodeMapRange", shape).outputs[0]
 
 
 def add_cloud() -> None:
@@ -99,7 +63,7 @@ def add_cloud() -> None:
     tree.links.new(find_billows(tree, 2.2, 0.85), dense.inputs[0])
     dense.inputs[1].default_value = 9.0
     inputs = {"Color": (0.97, 0.97, 0.97, 1), "Density": dense.outputs[0], "Anisotropy": 0.2}
-    fill(tree, add_node(tree, "ShaderNodeVolumePrincipled", inputs))
+    connect(tree, add_node(tree, "ShaderNodeVolumePrincipled", inputs), "Volume")
     cube = building.make_mesh("Cloud", bmesh.ops.create_cube, size=1.7)
     building.link_object("Cloud", cube, (-0.95, 0.3, 0.95), materials=[material])
 
@@ -107,7 +71,8 @@ def add_cloud() -> None:
 def add_smoke() -> None:
     """Voxels of geometry nodes: a column that thins out, of smoke that an object's own material colors."""
     material, tree = make_material("Smoke")
-    fill(tree, add_node(tree, "ShaderNodeVolumePrincipled", {"Color": (0.5, 0.28, 0.12, 1), "Density": 5.0}))
+    inputs = {"Color": (0.5, 0.28, 0.12, 1), "Density": 5.0}
+    connect(tree, add_node(tree, "ShaderNodeVolumePrincipled", inputs), "Volume")
     nodes = bpy.data.node_groups.new("Smoke", "GeometryNodeTree")
     nodes.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     place = add_node(nodes, "GeometryNodeInputPosition").outputs[0]
@@ -137,7 +102,7 @@ def add_fire() -> None:
     heat = find_billows(tree, 2.6, 0.9)
     warm = add_node(tree, "ShaderNodeMapRange", {"Value": heat, "To Max": 2800.0})
     inputs = {"Density": 0.0, "Blackbody Intensity": 1.0, "Temperature": warm.outputs[0]}
-    fill(tree, add_node(tree, "ShaderNodeVolumePrincipled", inputs))
+    connect(tree, add_node(tree, "ShaderNodeVolumePrincipled", inputs), "Volume")
     cube = building.make_mesh("Fire", bmesh.ops.create_cube, size=1.6)
     fire = building.link_object("Fire", cube, (1.75, 0.5, 0.66), materials=[material])
     fire.scale = (0.4, 0.4, 0.8)
@@ -147,9 +112,10 @@ def add_glass() -> None:
     """Three balls of clear glass, colored by what is inside: the larger, the darker."""
     for number, radius in enumerate((0.16, 0.24, 0.34)):
         name = f"Ball {number + 1}"
-        material, tree = make_material(name, "ShaderNodeBsdfGlass")
+        material, tree = make_material(name)
+        connect(tree, add_node(tree, "ShaderNodeBsdfGlass", {"Roughness": 0.0, "IOR": 1.45}))
         inputs = {"Color": (0.25, 0.75, 0.55, 1), "Density": 3.0}
-        fill(tree, add_node(tree, "ShaderNodeVolumeAbsorption", inputs))
+        connect(tree, add_node(tree, "ShaderNodeVolumeAbsorption", inputs), "Volume")
         place = (0.05 + 0.55 * number, -1.2, radius + 0.001)
         building.link_object(name, building.make_sphere(name, radius, 48), place, materials=[material])
 

@@ -85,8 +85,8 @@ def test_comparisons_run_beside_blender_and_leave_the_scene_alone(tmp_path: Path
 
 def test_all_tabs_are_drawn_and_the_addon_comes_and_goes(tmp_path: Path) -> None:
     report = drive("tabs.py", tmp_path)
-    assert ["Smoke", "", "volumes are not supported, left out"] in report["warnings"]
-    assert report["selected"] == ["Smoke"]
+    assert ["Plane", "Nothing", "no output node, the surface is black"] in report["warnings"]
+    assert report["selected"] == ["Plane"]
     assert set(report["engines"]) == {"BLENDER_EEVEE"}
     before, after = report["types"]
     assert before == after

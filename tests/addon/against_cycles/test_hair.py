@@ -27,6 +27,7 @@ from tests.addon.against_cycles.test_pictures import (
     add_lamp,
     make_stage,
 )
+from tests.addon.extract.shaders.shader_trees import clear_nodes
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 
@@ -129,11 +130,10 @@ def test_what_curves_info_tells_agrees(output: str) -> None:
     bpy.data.objects.remove(bpy.data.objects["Plane"])
     choose_shape(scene, "RIBBONS")
     material = bpy.data.materials.new(output)
-    tree = material.node_tree
-    tree.nodes.clear()
+    tree = clear_nodes(material)
     emission = add_node(tree, "ShaderNodeEmission", {"Strength": 10.0 if output == "Thickness" else 1.0})
     tree.links.new(add_node(tree, "ShaderNodeHairInfo", {}).outputs[output], emission.inputs["Color"])
-    tree.links.new(emission.outputs[0], tree.nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    tree.links.new(emission.outputs[0], tree.nodes[0].inputs["Surface"])
     add_strands(material)
     ball = building.make_sphere("Ball", 0.5, 16)
     building.link_object("Ball", ball, (0, 0, 0.5), materials=[material])
