@@ -21,6 +21,7 @@ from raytracer.film.passes import LENGTH, NEAR_MISS
 from raytracer.integrator.aovs import add_sky_aovs, add_surface_aovs
 from raytracer.integrator.bounces import classify_rays
 from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
+from raytracer.integrator.clear_surfaces import forget_clear_surfaces
 from raytracer.integrator.contributions import (
     add_background,
     add_emission,
@@ -56,8 +57,9 @@ SHADOW_BATCH = 1 << 20
 # What a ray meets on its way to its hit, in this order: stages that add to the passes and change no path. Where there
 # are media, these come first, and dim the lights themselves.
 Stage = Callable[[Integrator, PathPasses, Paths, Hits], None]
-ALONG_RAYS: tuple[Stage, ...] = (add_background, add_visible_lights, add_sky_aovs, note_near_misses)
-BEHIND_MEDIA: tuple[Stage, ...] = (add_background, add_sky_aovs, note_near_misses)
+AROUND: tuple[Stage, ...] = (add_sky_aovs, note_near_misses, forget_clear_surfaces)
+ALONG_RAYS: tuple[Stage, ...] = (add_background, add_visible_lights, *AROUND)
+BEHIND_MEDIA: tuple[Stage, ...] = (add_background, *AROUND)
 
 
 def trace(integrator: Integrator, rays: Rays, samples: SobolSamples, hits: Hits | None = None) -> dict[str, Floats]:

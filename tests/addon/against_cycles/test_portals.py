@@ -8,9 +8,17 @@ from typing import Any
 import bpy
 import pytest
 
+from addon.compare.cycles.comparison import compare_passes
 from blend_scenes import building
 from tests.addon.against_cycles.node_fixtures import add_node
-from tests.addon.against_cycles.test_pictures import LAMPS, add_lamp, assert_pictures_agree, make_grey, make_stage
+from tests.addon.against_cycles.test_pictures import (
+    LAMPS,
+    SMALL_SIZE,
+    add_lamp,
+    assert_pictures_agree,
+    make_grey,
+    make_stage,
+)
 from tests.addon.against_cycles.test_textures import checker, make_material, mix, shader
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
@@ -65,3 +73,16 @@ def test_portals_agree(name: str) -> None:
     lamp.data.color = (0.4, 0.7, 1.0)
     building.set_world((0.05, 0.06, 0.08), 1.0)
     assert_pictures_agree(scene, samples=16, max_bounces=1)
+
+
+@pytest.mark.parametrize("make", [portal, lambda tree: shader(tree, "Transparent")], ids=["portal", "clear"])
+def test_passes_of_what_shows_the_background_are_the_backgrounds(make: Callable[[Any], Any]) -> None:
+    """A plane that half of the picture sees, before the world."""
+    scene = make_stage()
+    plane = bpy.data.objects["Plane"]
+    plane.data.materials.clear()
+    plane.data.materials.append(make_material(make))
+    plane.pass_index, plane.location.y = 3, 4.0
+    passes = compare_passes(scene, bpy.context.view_layer, *SMALL_SIZE)
+    assert {name: item.share for name, item in passes.items() if item.share} == {}
+    assert (passes["Depth"].ours == 1e10).all()

@@ -284,6 +284,17 @@ def test_data_passes_look_through_surfaces_that_are_mostly_transparent(alpha, de
     assert values["Depth"][0, 0] == pytest.approx(depth, rel=1e-14)
 
 
+@pytest.mark.parametrize("closure", [Closure("principled", alpha=0.4), Closure("portal", position=(0.0, 0.0, -9.0))])
+def test_data_passes_before_the_background_are_those_of_a_miss(closure):
+    """As in Cycles, where nothing is left of a pane that rays go straight through; with light, of those rays alone."""
+    scene = raytracer.Scene(meshes=[square(2.0, 1)], materials=[GREY, Material((closure,), pass_index=5)])
+    values = see(scene, directions=[0, 0, -1.0], passes=DATA)
+    assert values["Depth"][0, 0] == 1e10
+    assert not any(values[name].any() for name in DATA if name != "Depth")
+    clear = raytracer.Scene(meshes=[square(2.0)], materials=[Material((Closure("transparent"),), pass_index=5)])
+    assert see(clear, directions=[0, 0, -1.0], passes=("Combined", *DATA))["Depth"][0, 0] == 1e10
+
+
 def test_color_and_emission_passes_hold_what_is_seen_straight():
     glow = Material((Closure("diffuse", color=(0.2, 0.4, 0.6)), Closure("emission", color=3.0)))
     pane = Material((Closure("transparent", color=0.5),))
