@@ -24,6 +24,7 @@ from raytracer.casting.dense.offer import DenseOffer
 from raytracer.casting.geometry import Geometry, pack_geometry
 from raytracer.casting.matrix_form import MatrixForm
 from raytracer.casting.order import Departure, Order
+from raytracer.casting.pencil.arriving_grid import ArrivingGrid, come_near
 from raytracer.casting.pencil.offer import DrawnOffer
 from raytracer.casting.pencil.packet_grid import PacketGrid
 from raytracer.casting.pencil.pencil import Pencil, Rows, View, find_pencil, make_views
@@ -44,9 +45,9 @@ BATCH_RAYS = 1 << 16
 DENSE_RAYS = 1 << 17
 # Rays of a pencil are cast in larger batches where there are more triangles, each of which costs something per batch.
 PENCIL_RAYS = 1 << 18
-# So many rays that arrive at a point, and for a triangle, are projected: with fewer the dense tree is quicker, as it is
-# with parallel ones.
-ARRIVING_RAYS, ARRIVING_SHARE = 1 << 15, 0.5
+# So many rays that arrive at a point, and for a triangle, are drawn: with fewer the dense tree is quicker, as with
+# parallel ones.
+ARRIVING_RAYS, ARRIVING_SHARE = 1 << 15, 0.35
 # Rays of a call that are looked at together.
 CALL_RAYS = 1 << 20
 
@@ -213,7 +214,7 @@ class Caster(Questions):
             views = list(make_views(pencil, rays, scale))
             if self.smallest_pencil is not None and len(rays) >= self.smallest_pencil * len(views):
                 for view in views:
-                    yield from self._plan_view(view)
+                    yield from self._plan_view(view, any_hit and bool((rays.t_min <= 0).all()))
                 return
         size = DENSE_RAYS if isinstance(self.offer, DenseOffer) else BATCH_RAYS
         for start in range(0, len(rays), size):
@@ -239,9 +240,14 @@ class Caster(Questions):
         """How far the scene reaches from the pencil's center, as a power of two."""
         return int(np.frexp(np.abs(self.primitives.bounds - pencil.centre).max())[1])
 
-    def _plan_view(self, view: View) -> Iterator[tuple[Rows, Offer]]:
+    def _plan_view(self, view: View, arriving: bool) -> Iterator[tuple[Rows, Offer]]:
+        """arriving : may rays be drawn that arrive at a point"""
         if self.drawn is not None and view.pencil.leaving:
             yield view.pick(0, len(view)), partial(self.drawn, PacketGrid(view))
+            return
+        arriving = arriving and view.pencil.arriving
+        if self.drawn is not None and arriving and not come_near(self.drawn.find_clusters(), view):
+            yield view.pick(0, len(view)), partial(self.drawn, ArrivingGrid(view))
             return
         size = min(max(BATCH_RAYS, len(self.primitives.corners) // 2), PENCIL_RAYS)
         projection = project(view, self.primitives)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats, Integers
+from raytracer.casting.measure import lie_out_in_float64
 from raytracer.casting.pencil.cluster_culling import are_hidden, cull_clusters, list_sides, project_vertices
 from raytracer.casting.pencil.clusters import CLUSTER, Clusters
 from raytracer.casting.pencil.grids import PAIR_BLOCK, RANGE_SLACK, Found, Grid, Plan, limit_nearness
@@ -208,11 +209,21 @@ class Drawing:
         if not self.doubtful:
             return
         grid, query = self.grid, self.query
-        place, primitive_id = (np.concatenate(column) for column in zip(*self.doubtful, strict=True))
+        place, ids = (np.concatenate(column) for column in zip(*self.doubtful, strict=True))
         self.doubtful = []
-        ray = grid.name_rays(place).astype(np.intp)
+        ray, ids = grid.name_rays(place).astype(np.intp), ids.astype(np.int64)
+        if query.any_hit:
+            left = np.flatnonzero(grid.limit.take(place) < np.inf)
+            place, ray, ids = place.take(left), ray.take(left), ids.take(left)
+            if query.certified:
+                # Nearly all are triangles that their rays leave.
+                left = np.flatnonzero(~lie_out_in_float64(query.primitives, query.rays, query.t_min, ray, ids))
+                place, ray, ids = place.take(left), ray.take(left), ids.take(left)
+            query.offer(ray, ids)
+            grid.limit[place[query.best.take(ray) == -np.inf]] = np.inf
+            return
         self.asked[place] = True
-        query.offer(ray, primitive_id.astype(np.int64))
+        query.offer(ray, ids)
         limit = limit_nearness(grid.step.take(ray), query.best.take(ray))
         grid.limit[place] = np.maximum(grid.limit.take(place), limit)
 

@@ -1,4 +1,4 @@
-"""Drawing as an accelerator for rays that leave one point: clusters are made when the first rays ask for them."""
+"""Drawing as an accelerator for rays that leave, or arrive at, one point: clusters are made when first asked for."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ class DrawnOffer:
 
     def __call__(self, grid: Grid, query: Query) -> None:
         """Offer a query, whose rays are the grid's, all primitives that they may hit."""
+        offer_drawn(grid, self.find_clusters(), query)
+
+    def find_clusters(self) -> Clusters:
+        """Return the clusters; they are made once."""
         if self.clusters is None:
             self.clusters = make_clusters(self.primitives)
-        offer_drawn(grid, self.clusters, query)
+        return self.clusters

@@ -119,27 +119,19 @@ def _are_equal(vectors: Floats) -> bool:
 @np.errstate(over="ignore", invalid="ignore")
 def _find_arriving(rays: Rays, reach: Floats) -> Pencil | None:
     """Rays whose points o + reach d nearly coincide, in comparison with the shortest way there."""
-    if not np.isfinite(reach[[0, -1]]).all():
-        return None
     few = np.array([0, len(rays) // 2, -1])
-    if _spread(rays.select(few), reach[few]) > LARGEST_SPREAD:
-        return None
-    if not _spread(rays, reach) <= LARGEST_SPREAD:
-        return None
-    centre = rays.origins[0] + reach[0] * rays.directions[0]
-    headings = rays.origins - centre
-    ends = headings + reach[:, np.newaxis] * rays.directions
+    for some, ends_at in ((rays.select(few), reach[few]), (rays, reach)):
+        centre = some.origins[0] + ends_at[0] * some.directions[0]
+        headings = np.ascontiguousarray(some.origins.T) - centre[:, np.newaxis]  # (3, n): rows of three take longer
+        ends = some.directions.T * ends_at
+        ends += headings
+        off, sizes = float(np.abs(ends).max()), np.abs(headings)
+        shortest = float(np.maximum(np.maximum(sizes[0], sizes[1]), sizes[2]).min())
+        if not (off <= LARGEST_SPREAD * shortest and shortest > 0):
+            return None
     # Both sums round: relative to the origins' distance and to the coordinates themselves.
-    size = np.abs(centre).max() + np.abs(headings).max() + np.abs(rays.origins).max()
-    return Pencil(centre, headings, False, True, float(np.abs(ends).max() + gamma(4) * size), reach)
-
-
-def _spread(rays: Rays, reach: Floats) -> float:
-    """The largest distance between points o + reach d as a share of the shortest way there; NaN or infinite where there
-    is none."""
-    ends = rays.origins + reach[:, np.newaxis] * rays.directions
-    ways = np.abs(rays.origins - ends[0]).max(axis=1)
-    return float(np.divide(np.abs(ends - ends[0]).max(), ways.min(), where=ways.min() > 0, out=np.array(np.inf)))
+    size = np.abs(centre).max() + sizes.max() + max(np.abs(rays.origins.max()), np.abs(rays.origins.min()))
+    return Pencil(centre, headings.T, False, True, off + gamma(4) * float(size), reach)
 
 
 def make_views(pencil: Pencil, rays: Rays, scale: float) -> Iterator[View]:

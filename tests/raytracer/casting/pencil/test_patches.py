@@ -147,7 +147,7 @@ def test_triangles_moved_to_tiles_are_within_their_bounds(rng):
     points = np.concatenate([corners, np.ones((1, 3, COUNT))]).astype(np.float32)
     patches.set_up_small(points, corner + grid.low, plan.reach, image, rows)
     item, tile = grid._list_tiles(*plan.notes)
-    entries = grid._make_entries(patches.Items(rows, corner + grid.low), item, tile)[:, :-1]
+    entries = grid._make_entries(patches.Items(rows, corner + grid.low), item, tile)[:, : len(item)]
     place = rng.uniform(0, SIDE, (2, len(item))).astype(np.float32)
     row, column = np.divmod(tile, grid.tiles_x)
     x, y = column * SIDE + grid.low[0] + place[0].astype(float), row * SIDE + grid.low[1] + place[1].astype(float)
