@@ -1,7 +1,7 @@
 """Which accelerator finds candidates, by what a scene holds; no result depends on the choice.
 
 A few dozen triangles are all looked at (`matrix_form`). Rays of a pencil are drawn or projected (`pencil`) where there
-are enough of them and that is quicker, which it hardly is for rays that anything ends. Other rays take the dense tree
+are enough of them and that is quicker: of rays that end at a point, if any hit will do. Other rays take the dense tree
 among triangles (`dense`), the tree of boxes where there are spheres or instances (`bvh`).
 """
 
