@@ -73,7 +73,7 @@ class MiddleSamples(SobolSamples):
         """Return (n,) 1/2."""
         return np.full(len(self), 0.5)
 
-    def uniform_pair(self, dimension: int) -> Floats:
+    def uniform_pair(self, dimension: int, joined: int | None = None) -> Floats:
         """Return (n, 2) 1/2."""
         return np.full((len(self), 2), 0.5)
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from raytracer.arrays.types import Integers
 from raytracer.film.passes import LIGHT_GROUP, list_light_groups
-from raytracer.integrator.light_sources import EmissiveGeometry, LightSource, SampledLight
+from raytracer.integrator.emissive_source import EmissiveGeometry
+from raytracer.integrator.light_sources import LightSource, SampledLight
 from raytracer.integrator.picked_lights import PickedLight
 from raytracer.scene.light_groups import NO_GROUP
 from raytracer.scene.lights import Light

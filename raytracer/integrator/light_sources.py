@@ -1,6 +1,6 @@
 """Sources of light: each samples a direction from every shading point; a scene has those that it needs, no others.
 
-Three kinds answer the same question: a light (`SampledLight`), all emissive geometry (`EmissiveGeometry`), the world
+Three kinds answer the same question: a light (`SampledLight`), all emissive geometry (`emissive_source`), the world
 (`SampledWorld`). A source that reflected rays can also meet is sampled in both ways, weighed by the power heuristic.
 
 Who sees what, by source and kind of ray, as in Cycles:
@@ -33,17 +33,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import scale_vectors, take_rows
-from raytracer.arrays.types import Counts, Indices, Integers, Keys, Masks
+from raytracer.arrays.types import Counts, Integers, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.bsdfs.closures import Shading
-from raytracer.lights.emitter_table import Emitters, locate_emitters
-from raytracer.lights.emitters import (
-    pick_emitters,
-    place_on_triangles,
-    sample_picked,
-    sample_placed,
-    vary_radiance,
-)
 from raytracer.lights.environment import (
     Environment,
     WorldSampler,
@@ -173,7 +165,9 @@ class SampledLight(LightSource):
         else:
             # Without extent all shadow rays of a light end at one point, or run in one direction.
             key = ALONE if has_extent(self.light) else 0
-            found = KeyedSamples(sample_light(self.light, position, points.sampler.uniform_pair()), _fill(points, key))
+            found = KeyedSamples(
+                sample_light(self.light, position, points.sampler.joined_pair()), fill_key(points, key)
+            )
         if self.links is not None:
             found.light.weight[~self.links.find_lit(self.light.receivers, points.surface.instance)] = 0.0
         return found
@@ -190,47 +184,6 @@ class SampledLightWithNodes(SampledLight):
         found = SampledLight.sample(self, points)
         light = vary_samples(self.computed, points.surface.position, points.depths, found.light)
         return replace(found, light=light)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class EmissiveGeometry(LightSource):
-    """All emissive geometry: a number to choose by, and a pair for the place.
-
-    seen_by_object : (instances + groups,) uint8, bits of SEEN_BY, the ways in which light of each is reflected; None
-        for all
-    light_groups : (instances + groups,) int32, as of LightSource, of each object; None where nobody asks
-    blockers_by_object : (instances + groups,) int64, as of LightSource, of each object; None where all block all
-    """
-
-    dimension_count: ClassVar[int] = 2
-    emitters: Emitters
-    links: LightLinks | None
-    seen_by_object: Masks | None = None
-    light_groups: Integers | None = None
-    blockers_by_object: NDArray[np.int64] | None = None
-    kind: int = GEOMETRY
-
-    def sample(self, points: ShadingPoints) -> KeyedSamples:
-        """Return samples on primitives picked by power: one that sets of pixels share, or each point's own."""
-        emitters, sampler, shared = self.emitters, points.sampler, points.sampler.shared
-        if shared is not None and not emitters.has_spheres:
-            picked = pick_emitters(emitters, shared.uniform(sampler.dimension))
-            pair = shared.uniform_pair(sampler.dimension + 1)
-            light = sample_placed(place_on_triangles(emitters, picked, pair).select(shared.key), points.surface)
-            picked, pair, key = picked[shared.key], pair[shared.key], shared.key.astype(np.int32)
-            vary_radiance(emitters, picked, pair, points.surface, light, points.depths)
-        else:
-            picked, pair = pick_emitters(emitters, sampler.uniform(0)), sampler.uniform_pair(1)
-            light, key = sample_picked(emitters, points.surface, picked, pair, points.depths), _fill(points, ALONE)
-        if self.links is not None:
-            receivers = self.links.receivers[locate_emitters(emitters, picked)[0]]
-            light.weight[~self.links.find_lit(receivers, points.surface.instance)] = 0.0
-        by_object = (self.seen_by_object, self.light_groups, self.blockers_by_object)
-        return KeyedSamples(light, key, *(self._look_up(table, picked) for table in by_object))
-
-    def _look_up(self, table: NDArray[Any] | None, picked: Indices) -> NDArray[Any] | None:
-        """Return what a table by object, if there is one, says of emitters (n,)."""
-        return None if table is None else table[locate_emitters(self.emitters, picked)[0]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -252,13 +205,13 @@ class SampledWorld(LightSource):
     def sample(self, points: ShadingPoints) -> KeyedSamples:
         """Return samples of density that of all the world's samplers together."""
         normal = points.shading.normal
-        direction = self.sampler(normal, points.sampler.uniform_pair())
+        direction = self.sampler(normal, points.sampler.joined_pair())
         density = environment_density(self.environment, normal, direction)
         share = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
         path = None if self.environment.program is None else self._describe(points.depths)
         weight = scale_vectors(evaluate_environment(self.environment, direction, path), share)
         light = LightSamples(direction, np.full(len(direction), np.inf), weight, density)
-        return KeyedSamples(light, _fill(points, ALONE))
+        return KeyedSamples(light, fill_key(points, ALONE))
 
     def _describe(self, depths: Depths) -> LightPath:
         """Return what a program can ask of the rays that bring its light."""
@@ -343,7 +296,7 @@ def _replace_near(light: Light, points: ShadingPoints, shared: KeyedSamples) -> 
     if not len(rows):
         return
     position = points.surface.position[rows]
-    own = sample_light(light, position, points.sampler.select(rows).uniform_pair())
+    own = sample_light(light, position, points.sampler.select(rows).joined_pair())
     for name in ("direction", "distance", "weight", "density"):
         getattr(shared.light, name)[rows] = getattr(own, name)
     if shared.light.target is not None and shared.light.reach is not None:
@@ -352,5 +305,6 @@ def _replace_near(light: Light, points: ShadingPoints, shared: KeyedSamples) -> 
     shared.key[rows] = ALONE
 
 
-def _fill(points: ShadingPoints, key: int) -> Keys:
+def fill_key(points: ShadingPoints, key: int) -> Keys:
+    """Return one key (n,) for all points."""
     return np.full(len(points.surface), key, dtype=np.int32)

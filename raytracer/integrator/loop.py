@@ -148,9 +148,8 @@ def shade_wave(
     if waiting:
         add_direct_light(integrator, passes, waiting, first=sampler.dimension == 0)
     # Only what the camera sees straight shares points of lights.
-    return join_paths(going_on), replace(
-        sampler, shared=None, dimension=sampler.dimension + integrator.dimensions.count
-    )
+    sampler = replace(sampler.skip(integrator.dimensions.count), shared=None, wave=sampler.wave + 1)
+    return join_paths(going_on), sampler
 
 
 def count_rays(shadow_rays: list[ShadowRays]) -> int:

@@ -120,7 +120,7 @@ class PickedLight(LightSource):
             points.picks[group] = group.pick(points, points.sampler.uniform(-self.number * self.dimension_count))
         light, chance = (of_sources[self.number] for of_sources in points.picks[group])
         stack = np.where(light >= 0, group.stack[light], -1)
-        found, pair = make_no_samples(len(surface)), points.sampler.uniform_pair(1)
+        found, pair = make_no_samples(len(surface)), points.sampler.joined_pair(1)
         for number, of_stack in enumerate(group.stacks):
             rows = np.flatnonzero(stack == number)
             if not len(rows):

@@ -22,11 +22,11 @@ from raytracer.casting.ray_visibility import (
 )
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.passes import find_pass, list_aovs, select_mattes, select_passes
+from raytracer.integrator.emissive_source import EmissiveGeometry, make_geometry_source
 from raytracer.integrator.features import Features, derive_features
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_groups import group_light, group_source
 from raytracer.integrator.light_sources import (
-    EmissiveGeometry,
     LightSource,
     SampledLight,
     make_light_source,
@@ -195,7 +195,7 @@ def _compose(
     sources += [source for group in groups for source in make_picked_sources(group)]
     if emitters is not None:
         by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by, media is not None) else None
-        of_geometry = EmissiveGeometry(emitters=emitters, links=links, seen_by_object=by_object)
+        of_geometry = make_geometry_source(emitters, links, by_object, by_pair=not aims_at_all)
         sources.append(
             of_geometry if shadow_links is None else replace(of_geometry, blockers_by_object=shadow_links.blockers)
         )

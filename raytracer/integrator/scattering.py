@@ -85,7 +85,7 @@ def scatter_by(
     # BSDF sampling: where does the path go on?
     if choice is None:
         return Shaded(shadow_rays, paths.select(slice(0, 0)))
-    pair = sampler.uniform_pair(integrator.dimensions.direction)
+    pair = sampler.joined_pair(integrator.dimensions.direction)
     sample = sample_bsdf(wave.shading, probabilities, choice, pair)
     if elsewhere is not None:
         sample.weight[elsewhere] = 0.0

@@ -108,12 +108,17 @@ def pick_emitters(emitters: Emitters, choice: Floats) -> Numbers:
         return unit
     picked = emitters.number[unit]
     rows = np.flatnonzero(picked >= len(emitters.instance))
-    # What is left of the number, stretched to all of the instance's share, tells the triangle.
-    above = emitters.cumulative[unit[rows]]
-    below = np.where(unit[rows] > 0, emitters.cumulative[unit[rows] - 1], 0.0)
-    rest = np.clip((choice[rows] - below) / (above - below), 0.0, np.nextafter(1.0, 0.0))
+    # What is left of the number tells the triangle.
+    rest = stretch_choice(emitters, unit[rows], choice[rows])
     picked[rows] += pick_triangles(emitters.instanced, locate_emitters(emitters, picked[rows])[0], rest)
     return picked
+
+
+def stretch_choice(emitters: Emitters, unit: Numbers, choice: Floats) -> Floats:
+    """Return where uniform numbers (n,) lie within the shares of what they have picked, in [0, 1)."""
+    above = emitters.cumulative[unit]
+    below = np.where(unit > 0, emitters.cumulative[unit - 1], 0.0)
+    return np.clip((choice - below) / (above - below), 0.0, np.nextafter(1.0, 0.0))
 
 
 def find_picked_materials(emitters: Emitters, picked: Numbers) -> Integers:

@@ -30,7 +30,7 @@ from raytracer.lecture import dot
 from raytracer.processes.dropping import is_dropped
 from raytracer.processes.pool import Pool
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
-from raytracer.sampling.dimensions import FILTER_DIMENSION
+from raytracer.sampling.dimensions import FILTER_DIMENSION, FILTER_PAIR
 from raytracer.sampling.sobol import SobolSamples, split_numbers
 from raytracer.scene.scene import Scene
 from raytracer.shading.evaluate import check_programs
@@ -196,7 +196,7 @@ class PointTracer:
         """Return where rays from a distance of 1 hit the points, spread over their pixels; one sample is the centre."""
         weights = points.weights
         if self._settings.samples > 1:
-            offset = samples.uniform_pair(FILTER_DIMENSION) - 0.5
+            offset = samples.uniform_pair(FILTER_DIMENSION, FILTER_PAIR) - 0.5
             moved = (points.steps * offset[:, np.newaxis, :]).sum(axis=2)
             weights = fold_into_triangle(weights + moved)
         count = len(points)

@@ -27,7 +27,7 @@ from raytracer.lights.shared_points import choose_interleaving
 from raytracer.processes.dropping import is_dropped
 from raytracer.processes.pool import Pool
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
-from raytracer.sampling.dimensions import FILTER_DIMENSION, LENS_DIMENSION
+from raytracer.sampling.dimensions import FILTER_DIMENSION, FILTER_PAIR, LENS_DIMENSION, LENS_PAIR
 from raytracer.sampling.sobol import REPLICATIONS, SobolSamples, split_numbers
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
@@ -232,9 +232,11 @@ class BlockTracer:
         values: Mapping[str, Floats] = {}
         centre_values = None
         if self._integrator:
-            pair = samples.uniform_pair(FILTER_DIMENSION)
+            pair = samples.uniform_pair(FILTER_DIMENSION, FILTER_PAIR)
             offset = sample_pixel_filter(pair, self._settings.pixel_filter, cast(float, self._settings.filter_width))
-            lens = samples.uniform_pair(LENS_DIMENSION) if self._window.camera.aperture_radius > 0 else None
+            lens = None
+            if self._window.camera.aperture_radius > 0:
+                lens = samples.uniform_pair(LENS_DIMENSION, LENS_PAIR)
             values = self._trace(self._integrator, column + offset[:, 0], row + offset[:, 1], samples, lens)
         if self._centre_integrator and block.sample == 0:
             first = slice(0, len(block))

@@ -32,6 +32,23 @@ AOV_BEVEL_DIMENSION = 2**32 - 7
 SHARED_DIMENSION = 2**31
 
 
+# Whose the pairs are that are good together (`joined_pairs`): where a ray goes through the film and the lens, and where
+# light comes from and goes to in the first waves of its path. Other pairs are shuffled.
+FILTER_PAIR, FIRST_WAVE_PAIR, LENS_PAIR = 0, 1, 4
+JOINED_WAVES = LENS_PAIR - FIRST_WAVE_PAIR
+
+
+def find_wave_pair(wave: int) -> int | None:
+    """Return the pair of a wave, counted from 0; None where it has none.
+
+    Examples
+    --------
+    >>> [find_wave_pair(wave) for wave in range(5)]
+    [1, 2, 3, None, None]
+    """
+    return FIRST_WAVE_PAIR + wave if wave < JOINED_WAVES else None
+
+
 # Of a way through media: its distance and channel; random numbers of ways that vary; the lobe and the direction that it
 # is scattered to; whether it goes on; two ways to sample the world.
 DISTANCE, NOISE, PHASE_LOBE, PHASE_DIRECTION, PHASE_ROULETTE, AROUND, AFTER_MAP = range(7)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats
-from raytracer.sampling.dimensions import SHARED_DIMENSION
+from raytracer.sampling.dimensions import SHARED_DIMENSION, find_wave_pair
 from raytracer.sampling.sobol import SobolSamples, join_numbers, split_numbers
 
 
@@ -34,8 +34,8 @@ class SharedSamples:
         return self.of_sets.uniform(dimension + SHARED_DIMENSION)
 
     def uniform_pair(self, dimension: int) -> Floats:
-        """Return (k, 2) float64 in [0, 1) x [0, 1), independent of every pixel's own."""
-        return self.of_sets.uniform_pair(dimension + SHARED_DIMENSION)
+        """Return (k, 2) float64 in [0, 1) x [0, 1), good together with the film's, as the camera's rays alone share."""
+        return self.of_sets.uniform_pair(dimension + SHARED_DIMENSION, find_wave_pair(0))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -45,19 +45,21 @@ class Sampler:
     own : n SobolSamples
     shared : what they share with others; None for nothing
     dimension : the first of the numbered dimensions that are theirs to use; the methods count from there
+    wave : of the paths, from 0
     """
 
     own: SobolSamples
     shared: SharedSamples | None
     dimension: int
+    wave: int = 0
 
     def select(self, index: Any) -> Sampler:
         """Return the sampler of some of the paths: index or boolean array."""
-        return Sampler(self.own.select(index), self.shared and self.shared.select(index), self.dimension)
+        return replace(self, own=self.own.select(index), shared=self.shared and self.shared.select(index))
 
     def skip(self, dimensions: int) -> Sampler:
         """Return the sampler that begins so many dimensions later."""
-        return Sampler(self.own, self.shared, self.dimension + dimensions)
+        return replace(self, dimension=self.dimension + dimensions)
 
     def uniform(self, dimension: int = 0) -> Floats:
         """Return (n,) float64 in [0, 1), each path its own."""
@@ -66,6 +68,14 @@ class Sampler:
     def uniform_pair(self, dimension: int = 0) -> Floats:
         """Return (n, 2) float64 in [0, 1) x [0, 1), each path its own."""
         return self.own.uniform_pair(self.dimension + dimension)
+
+    def joined_pair(self, dimension: int = 0) -> Floats:
+        """Return (n, 2) float64 in [0, 1) x [0, 1), good together with those of the film and of other waves.
+
+        Uses in one wave are good for one thing each alone, such as one light's sample or the way on: their points
+        depend on each other, so that no light may be a matter of two of them.
+        """
+        return self.own.uniform_pair(self.dimension + dimension, find_wave_pair(self.wave))
 
 
 def number_branches(sampler: Sampler, count: int) -> Iterator[Sampler]:

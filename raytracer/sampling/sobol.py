@@ -2,8 +2,9 @@
 
 Each pair of dimensions is the first two dimensions of Sobol's sequence, a (0,2)-sequence in base 2: any aligned run of
 2^k samples has one point in each of the 2^k boxes of every shape 2^-a x 2^-(k-a). Pairs are decorrelated ("padded") by
-a nested uniform shuffle of the sample index, and every coordinate gets its own Owen scrambling, both as hashes, so that
-a value depends on (pixel, sample, seed, dimension) and on nothing else: not on blocks, workers or other dimensions.
+a nested uniform shuffle of the sample index, but for a few that are good together (`joined_pairs`), and every
+coordinate gets its own Owen scrambling, both as hashes, so that a value depends on (pixel, sample, seed, dimension) and
+on nothing else: not on blocks, workers or other dimensions.
 
 A pixel's samples are REPLICATIONS such sequences, scrambled independently of each other and taken in turn. The points
 of one sequence depend on each other, which is what makes them good, so nothing about the error can be told from how
@@ -29,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats, Words
+from raytracer.sampling.joined_pairs import MIXING, look_up, make_tables
 
 UNIT_PER_WORD = 2.0**-32  # all 32 bits fit a float64, so the result stays below 1
 
@@ -77,13 +79,27 @@ class SobolSamples:
         key, index = self._shuffle_index(dimension)
         return _to_unit(_first_coordinate(index, key))
 
-    def uniform_pair(self, dimension: int) -> Floats:
-        """Return (n, 2) float64 in [0, 1) x [0, 1)."""
-        key, index = self._shuffle_index(dimension)
+    def uniform_pair(self, dimension: int, joined: int | None = None) -> Floats:
+        """Return (n, 2) float64 in [0, 1) x [0, 1).
+
+        joined : which of the pairs that are good together this is; None shuffles it
+        """
         pair = np.empty((2, len(self)))
-        np.multiply(_second_coordinate(index.copy(), key), UNIT_PER_WORD, out=pair[1])
-        np.multiply(_first_coordinate(index, key), UNIT_PER_WORD, out=pair[0])
+        if joined is None:
+            key, index = self._shuffle_index(dimension)
+            words = _first_coordinate(index.copy(), key), _second_coordinate(index, key)
+        else:
+            key = _hash_pixels(self.pixel, dimension, self.seed, self.replication)
+            first, second = (self._look_up(tables) for tables in _JOINED[joined])
+            words = _first_coordinate(first, key), _scramble_second(second, key)
+        for values, word in zip(pair, words, strict=True):
+            np.multiply(word, UNIT_PER_WORD, out=values)
         return pair.T
+
+    def _look_up(self, tables: NDArray[np.uint32]) -> Words:
+        """Return a new array (n,) of what the samples' numbers come to by the tables of `joined_pairs`."""
+        words = look_up(tables, np.asarray(self.sample, np.uint32))
+        return words if np.ndim(words) else np.full(self.pixel.shape, words)
 
     def _shuffle_index(self, dimension: int) -> tuple[Words, Words]:
         """Return each pixel's key (n,) and its shuffled sample index (n,), a nested uniform shuffle of `sample`."""
@@ -107,12 +123,22 @@ def _second_coordinate(index: Words, key: Words) -> Words:
     C(k, j) i_k over the bits i_k of the index, and C(k, j) is odd where the bits of j are a subset of those of k
     (Lucas): a sum over supersets, done for all bits at once, one power of two at a time.
     """
+    return _scramble_second(_sum_supersets(index), key)
+
+
+def _sum_supersets(index: Words) -> Words:
+    """Return Sobol's second dimension, its bits reversed, in place."""
     shifted = np.empty_like(index)
     for shift, mask in _LEVELS:
         np.right_shift(index, np.uint32(shift), out=shifted)
         np.bitwise_and(shifted, np.uint32(mask), out=shifted)
         np.bitwise_xor(index, shifted, out=index)
-    return _reverse_bits(_scramble_reversed(index, _hash(key, 0x7F4A7C15)))
+    return index
+
+
+def _scramble_second(word: Words, key: Words) -> Words:
+    """Owen-scramble Sobol's second dimension, whose bits come reversed. Destroys `word`."""
+    return _reverse_bits(_scramble_reversed(word, _hash(key, 0x7F4A7C15)))
 
 
 def _scramble_reversed(bits: Words, key: Words) -> Words:
@@ -147,6 +173,13 @@ def _reverse_bits(words: Words) -> Words:
 
 # Of the first samples; a gather takes a fourth of the time of `_reverse_bits`.
 _REVERSED = _reverse_bits(np.arange(1 << 12, dtype=np.uint32))
+
+
+# Of each pair that is good together with the others, the tables of both coordinates, their bits reversed.
+_JOINED = tuple(
+    (tables, _sum_supersets(tables.copy()))
+    for tables in map(make_tables, (tuple(1 << bit for bit in range(32)), *MIXING))
+)
 
 
 def _reverse_samples(sample: Words) -> Words:
