@@ -305,7 +305,7 @@ def test_adaptive_samples_are_never_much_worse_than_even_ones(name, bar):
     assert taken == pytest.approx(64 * cost.sum(), rel=0.02)
 
 
-def compare_means(name, seeds, size=(6, 4)):
+def compare_means(name, seeds, size=(8, 5)):
     """Return the mean difference of adaptive pictures from even ones over its standard error, and the gain in
     variance."""
     make, integrator = SCENES[name]
