@@ -1,4 +1,4 @@
-"""Vectors turned and moved: Mapping, Vector Rotate, Vector Transform, Normal.
+"""Vectors turned and moved: Mapping, Vector Rotate, Vector Transform, Normal, Radial Tiling.
 
 References
 ----------
@@ -15,6 +15,7 @@ from raytracer.arrays.vectors import normalize
 from raytracer.lecture import cross, dot
 from raytracer.shading.nodes.operation import Array, Operation, divide, spread, stack
 from raytracer.shading.site import Site
+from raytracer.textures.radial_tiling import tile_radially
 
 
 def make_rotation(angles: Any) -> Array:
@@ -86,6 +87,12 @@ OPERATIONS = {
         ("Vector",),
         ("vector_type", "convert_from", "convert_to"),
         reads_site=True,
+    ),
+    "ShaderNodeRadialTiling": Operation(  # the type that Blender gives it
+        tile_radially,
+        ("Vector", "Sides", "Roundness"),
+        ("Segment Coordinates", "Segment ID", "Segment Width", "Segment Rotation"),
+        ("normalize",),
     ),
     "NORMAL Dot": Operation(
         lambda normal, *, direction: dot(normalize(np.asarray(normal)), direction),

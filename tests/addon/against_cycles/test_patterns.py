@@ -285,3 +285,22 @@ GABORS = {
 def test_gabor_noise_agrees(empty_scene: Any, record_property: Any) -> None:
     """A phase jumps from 1 to 0 where the last digits decide."""
     assert_agreement(GABORS, STEEP, record_property)
+
+
+TILINGS = {
+    f"tiling {sides} {roundness} {output} {normalize}": make(
+        "ShaderNodeRadialTiling",
+        output,
+        {"Vector": CENTRED, "Sides": sides, "Roundness": roundness},
+        normalize=normalize,
+    )
+    for sides in (2.4, 2.9, 3.0, 5.0, 5.7)
+    for roundness in (0.0, 0.3, 1.0)
+    for output in ("Segment Coordinates", "Segment ID", "Segment Width", "Segment Rotation")
+    for normalize in ((True, False) if output == "Segment Coordinates" else (True,))
+}
+
+
+@pytest.mark.skipif(VERSION < (5, 0), reason="Radial Tiling came with Blender 5.0")
+def test_radial_tiling_agrees(empty_scene: Any, record_property: Any) -> None:
+    assert_agreement(TILINGS, STEEP, record_property)
