@@ -41,6 +41,7 @@ from raytracer.shading.nodes import (
     patterns,
     photometry,
     ramps,
+    raycast,
     shapes,
     strands,
     wavelength,
@@ -52,7 +53,7 @@ from raytracer.shading.site import Site
 LIGHT_PATH = "LIGHT_PATH "
 # The operations that cast rays, of which one draws numbers of its own.
 BEVEL = "BEVEL"
-CASTING = ("AMBIENT_OCCLUSION", BEVEL)
+CASTING = ("AMBIENT_OCCLUSION", BEVEL, *raycast.OPERATIONS)
 
 OPERATIONS: dict[str, Operation] = {
     **arithmetic.OPERATIONS,
@@ -67,6 +68,7 @@ OPERATIONS: dict[str, Operation] = {
     **patterns.OPERATIONS,
     **photometry.OPERATIONS,
     **ramps.OPERATIONS,
+    **raycast.OPERATIONS,
     **shapes.OPERATIONS,
     **strands.OPERATIONS,
     **wavelength.OPERATIONS,

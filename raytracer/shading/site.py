@@ -31,12 +31,14 @@ class Site:
     surface : with `barycentric`
     path : None for points that no ray led to
     footprint : (n,) float64, metres, about the size of a pixel there; the step of finite differences
+    apart : (n,) float64, metres between the places that a bump compares, of which this is one; None for others
     """
 
     surface: Surface
     tables: SiteTables
     path: LightPath | None
     footprint: Floats
+    apart: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.surface)

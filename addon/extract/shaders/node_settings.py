@@ -197,6 +197,22 @@ def read_occlusion(builder: Builder, node: Any, groups: Groups, output: str) -> 
     return {name: getattr(node, name) for name in ("samples", "inside", "only_local")}
 
 
+def is_of_hit(node: Any, output: str) -> bool:
+    """True for an output of a Raycast node that is an attribute of what is hit: "Attribute_0", "Attribute_0_Alpha"."""
+    return node.type == "MATERIAL_RAYCAST" and output.startswith("Attribute_")
+
+
+def find_item(node: Any, output: str) -> Any:
+    """Return what a Raycast node says of the attribute of an output."""
+    shown = output.removesuffix("_Alpha")
+    names = [socket.identifier for socket in node.outputs if is_of_hit(node, socket.identifier)]
+    return node.sample_attribute_items[[name for name in names if not name.endswith("_Alpha")].index(shown)]
+
+
+def read_raycast_attribute(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
+    return {"only_local": node.only_local, "name": find_item(node, output).name}
+
+
 def read_voronoi(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     names = ("feature", "distance", "normalize", "voronoi_dimensions")
     return {**{name: getattr(node, name) for name in names}, "whole": versions.has_whole_cells()}
@@ -247,6 +263,7 @@ READERS: dict[str, Reader] = {
     "NEW_GEOMETRY Pointiness": lambda builder, node, groups, output: {"name": POINTINESS},
     "NEW_GEOMETRY Random Per Island": lambda builder, node, groups, output: {"name": ISLAND},
     "AMBIENT_OCCLUSION": read_occlusion,
+    **{f"MATERIAL_RAYCAST {output}": read_raycast_attribute for output in ("Vector", "Fac", "Alpha")},
     "VECTOR_DISPLACEMENT": lambda builder, node, groups, output: {"space": node.space, "name": DEFAULT_UV},
     "TEX_VORONOI": read_voronoi,
     "TEX_IES": read_luminaire,

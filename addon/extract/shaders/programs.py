@@ -15,7 +15,7 @@ from raytracer.scene.programs import Program, Register, Step, Value
 from raytracer.shading.evaluate import OPERATIONS, fold_step, make_constant
 
 from .images import ImageTable
-from .node_settings import find_passed, read_settings
+from .node_settings import find_item, find_passed, is_of_hit, read_settings
 from .nodes import Groups, WarningContext, find_link, find_socket, identify, pass_through, read_number
 from .skies import SKY_TYPES
 
@@ -289,6 +289,9 @@ def name_operation(node: Any, output: str) -> str:
     chosen = VARIANTS.get(node.type)
     if chosen:
         return f"{node.type} {getattr(node, chosen)}"
+    if is_of_hit(node, output):
+        read = "Alpha" if output.endswith("_Alpha") else "Vector"
+        return f"{node.type} {'Fac' if find_item(node, output).data_type == 'FLOAT' else read}"
     kind = getattr(node, "attribute_type", "GEOMETRY")
     if kind != "GEOMETRY":
         owner = "VIEW_LAYER_PROPERTY" if kind == "VIEW_LAYER" else "OBJECT_PROPERTY"

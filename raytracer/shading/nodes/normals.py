@@ -9,6 +9,7 @@ Blender, intern/cycles/kernel/svm/tex_coord.h (svm_node_normal_map, svm_node_tan
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,7 @@ def bump(
     count = len(site)
     along, across = pixel_axes(site)
     width = spread(np.broadcast_to(np.asarray(filter_width, float), (count,)))
+    site = replace(site, apart=width[:, 0] * site.footprint)
     centre, right, up = (
         np.broadcast_to(evaluate(height, place.put_back() if of_object else place), (count,))
         for place in (site, site.shift(along * width), site.shift(across * width))

@@ -54,6 +54,7 @@ def list_missing(node: Any) -> set[str]:
         output.identifier
         for output in node.outputs
         if output.enabled
+        and output.type != "CUSTOM"  # where more sockets come from
         and (
             node.type not in (CLOSURE_READERS | VOLUME_READERS)
             if output.type == "SHADER"
