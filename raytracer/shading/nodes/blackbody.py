@@ -28,7 +28,8 @@ COLDEST, HOTTEST = 800.0, 12000.0
 
 
 def find_blackbody_color(temperature: Any) -> Array:
-    """Return linear RGB (..., 3) of temperatures (...), of luminance 1 before what is negative is cut.
+    """Return linear RGB (..., 3) of temperatures (...), of luminance 1; below 1900 K its blue is negative, for no sum
+    of the primaries is as red.
 
     Planck's law, B ~ 1 / (w^5 (exp(c2 / (w T)) - 1)) at wavelengths w, seen by the standard observer.
     """
@@ -36,7 +37,12 @@ def find_blackbody_color(temperature: Any) -> Array:
     radiance = WAVELENGTHS**-5 / np.expm1(SECOND_RADIATION_CONSTANT / (WAVELENGTHS * kelvin))
     x, y, z = (dot(radiance, matching) for matching in COLOR_MATCHING.T)
     relative = np.stack([x / y, np.ones_like(y), z / y], axis=-1)
-    return np.maximum(transform(RGB_FROM_XYZ, relative), 0.0)
+    return transform(RGB_FROM_XYZ, relative)
 
 
-OPERATIONS = {"BLACKBODY": Operation(find_blackbody_color, ("Temperature",), ("Color",))}
+def show_blackbody(temperature: Any) -> Array:
+    """Return the color that the node shows, (..., 3): what is negative is cut."""
+    return np.maximum(find_blackbody_color(temperature), 0.0)
+
+
+OPERATIONS = {"BLACKBODY": Operation(show_blackbody, ("Temperature",), ("Color",))}

@@ -184,7 +184,11 @@ CASES = {
     "principled": Case(
         lambda: put(node("VolumePrincipled", {"Color": WARM, "Absorption Color": (0.1, 0.4, 0.8, 1), "Density": 1.5}))
     ),
-    # Cycles lets what is redder than Rec. 709 can show, below 1900 K, take blue light away; ours adds none.
+    # What is redder than Rec. 709 can show, below 1900 K, takes blue light away.
+    "red heat": Case(
+        lambda: put(node("VolumePrincipled", {"Density": 0.5, "Blackbody Intensity": 0.6, "Temperature": 1100.0})),
+        bounces=4,
+    ),
     "black body": Case(
         lambda: put(node("VolumePrincipled", {"Density": 0.5, "Blackbody Intensity": 0.1, "Temperature": 2500.0})),
         bounces=4,

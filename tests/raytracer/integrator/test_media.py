@@ -119,12 +119,14 @@ def test_what_shines_within_is_seen_through_what_is_before_it() -> None:
     np.testing.assert_allclose(measure(scene, 1)[0], expected, rtol=TOLERANCE)
 
 
-def test_a_black_body_shines_by_its_temperature() -> None:
-    """Radiance at 1 K times T^4 and a color of luminance 1, along 2 m."""
-    hot = VolumeClosure("principled", density=0.0, blackbody=1.0, temperature=3000.0, color=0.0)
+@pytest.mark.parametrize("temperature", [1100.0, 3000.0])
+def test_a_black_body_shines_by_its_temperature(temperature: float) -> None:
+    """Radiance at 1 K times T^4 and a color of luminance 1, along 2 m; of which red heat takes blue light away."""
+    hot = VolumeClosure("principled", density=0.0, blackbody=1.0, temperature=temperature, color=0.0)
     found = measure(Scene(meshes=make_box(1.0), materials=fill(hot), camera=look()), 1)[0]
     luminance = 0.2126 * found[0] + 0.7152 * found[1] + 0.0722 * found[2]
-    assert luminance == pytest.approx(2 * 5.670373e-14 / np.pi * 3000.0**4, rel=1e-3)
+    assert luminance == pytest.approx(2 * 5.670373e-14 / np.pi * temperature**4, rel=1e-3)
+    assert (found[2] < 0) == (temperature < 1900)
 
 
 def test_lights_are_seen_and_shine_through_media() -> None:
