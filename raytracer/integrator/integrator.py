@@ -66,8 +66,8 @@ class Integrator:
     needs_light : False where all passes are known at the first surface
     goes_on : True where rays can go on from a surface
     interreflects : True where diffuse reflection is followed
-    told_apart : the kinds of sources of which reflected rays find other light than samples do; where there are any,
-        diffuse reflection is followed, if only to what shines
+    told_apart : the kinds of sources of which reflected rays find other light than samples do; where there are any, or
+        media shine, diffuse reflection is followed, if only to what shines
     shares : of the sources that are told apart by their kinds, as of LightSource
     emission_ahead : True where a ray that goes on can meet a light, emissive geometry or the world
     dimensions : numbered dimensions of a wave
@@ -126,6 +126,12 @@ class Integrator:
     glints: tuple[Glint, ...] = ()
     media: SceneMedia | None = None
     measure_depth: MeasureDepth | None = None
+
+    @property
+    def looks_around(self) -> bool:
+        """True where rays that are reflected diffusely, or scattered, see light that no sample finds: of sources that
+        are told apart, and of media."""
+        return bool(self.told_apart) or (self.media is not None and self.media.emits)
 
     @property
     def world_group(self) -> int:

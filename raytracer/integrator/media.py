@@ -6,10 +6,10 @@ Before what they hit, rays go through the media that their paths are inside of (
     media that vary are followed from collision to collision (`media.tracking`)
 
 and where a path is scattered it is lit by every source, and goes on by the phase function: with integrator 'direct' it
-ends there, which is single scattering. To lights that have a place more points are chosen, by the angle at which they
-see the ray: weights 1 / (p + q) of both densities p, q of a distance add up to one at each place (balance heuristic);
-where media vary the density of scattering is not known, and 1 over the length of the stretch stands in, for any weights
-that add up to one will do.
+ends there, which is single scattering, or sees what shines where media do. To lights that have a place more points are
+chosen, by the angle they see the ray at: weights 1 / (p + q) of both densities p, q of a distance add up to one at
+each place (balance heuristic); where media vary the density of scattering is not known, and 1 over the length of the
+stretch stands in, for any weights that add up to one will do.
 
 Paths that have used up their bounces only see what shines: light that reaches them that way gets through or is lost.
 

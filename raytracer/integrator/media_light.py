@@ -84,7 +84,7 @@ class MediumPoints:
 
 def follows_media(integrator: Integrator) -> bool:
     """True where scattered paths go on: else all light comes by samples of the sources."""
-    return integrator.settings.integrator == "path"
+    return integrator.settings.integrator == "path" or integrator.looks_around
 
 
 def list_sources(integrator: Integrator) -> Iterator[tuple[int, LightSource]]:

@@ -178,7 +178,9 @@ def _compose(
     present : (instances + groups,) bool, which are shadow catchers; None for the whole scene
     """
     needs_light = asks_for_light(settings)
-    interreflects = (settings.integrator == "path" or bool(told_apart)) and features.diffuse and needs_light
+    shines = media is not None and media.emits
+    interreflects = settings.integrator == "path" or bool(told_apart) or shines
+    interreflects = interreflects and features.diffuse and needs_light
     scatters = media is not None and settings.integrator == "path"
     emitters = None
     if features.emission and needs_light:
@@ -265,7 +267,7 @@ def _compose(
         or bool(visible_groups)
         or emitters is not None
         or background is not None
-        or (media is not None and media.emits),
+        or shines,
         dimensions=dimensions,
         links=links,
         shadow_links=shadow_links,

@@ -11,7 +11,7 @@ import numpy as np
 
 from raytracer.arrays.rows import any_column, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Counts, Floats, Numbers
-from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
+from raytracer.bsdfs.bounce_kinds import DIFFUSE, SCATTERED, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
 from raytracer.integrator.bounces import CERTAIN_BOUNCES, find_ended, survival_probability
 from raytracer.integrator.direct_light import sample_lights
@@ -110,11 +110,11 @@ def count_all(integrator: Integrator, paths: Paths) -> Counts | None:
 
 
 def find_finished(integrator: Integrator, paths: Paths) -> Booleans:
-    """Return (n,) True for paths that have used up their bounces; where light samples are told apart, the direct
-    integrator's diffuse reflections only look for what shines."""
+    """Return (n,) True for paths that have used up their bounces; where they look around, the direct integrator's
+    diffuse reflections, and what media scatter, only look for what shines."""
     ended = find_ended(paths.bounces, integrator.settings)
-    if integrator.told_apart and integrator.settings.integrator == "direct":
-        ended |= (paths.kind & DIFFUSE) > 0
+    if integrator.looks_around and integrator.settings.integrator == "direct":
+        ended |= (paths.kind & (DIFFUSE | SCATTERED)) > 0
     return ended
 
 
@@ -129,7 +129,7 @@ def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
     A path that has used up its bounces still sees emission where it ends: light sampling has counted on that. Where
     diffuse reflection is the only bounce, and would be the last, light sampling is left all of it; not so where
     geometry is emissive, for close by, in corners, no other way of sampling keeps the noise finite, nor where light
-    comes through from behind, where nobody looks for the world, nor where light samples are told apart.
+    comes through from behind, where nobody looks for the world, nor where paths look around.
     """
     paths, shading = wave.paths, wave.shading
     probabilities = lobe_probabilities(shading, integrator.interreflects)
@@ -137,7 +137,7 @@ def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
         open_ = ended & ~find_closed(integrator, paths)
         probabilities[ended, 0] = (open_ & any_column(shading.transparency > 0))[ended]
         probabilities[ended, 1:] = 0.0
-    if integrator.interreflects and integrator.emitters is None and not integrator.told_apart:
+    if integrator.interreflects and integrator.emitters is None and not integrator.looks_around:
         first = 1 + len(shading.lobes)
         kind = np.full(len(paths), DIFFUSE, dtype=np.uint8)
         last = find_ended(count_bounces(paths.bounces, kind), integrator.settings)

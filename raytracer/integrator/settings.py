@@ -52,7 +52,7 @@ class Settings:
     seconds : the time that tracing may take; it ends after the last sweep that fits in, but not before the first. None
         sets no limit
     integrator : 'direct' follows reflection and transmission but diffuse, or diffuse only to what shines, where that
-        makes a difference (`integrator.told_apart`); 'path' everything
+        makes a difference (`Integrator.looks_around`); 'path' everything
     max_bounces : reflections and transmissions that a ray may go through; straight passages do not count
     diffuse_bounces, glossy_bounces, transmission_bounces, volume_bounces : how many of them may be diffuse reflections,
         other reflections, transmissions, and scattering by media; None takes max_bounces

@@ -189,6 +189,8 @@ CASES = {
         lambda: put(node("VolumePrincipled", {"Density": 0.5, "Blackbody Intensity": 0.6, "Temperature": 1100.0})),
         bounces=4,
     ),
+    "glow on the floor": Case(lambda: put(node("Emission", {"Color": WARM, "Strength": 3.0}))),
+    "glow that is scattered": Case(lambda: put(both(scatter(1.0), node("Emission", {"Color": WARM, "Strength": 3.0})))),
     "black body": Case(
         lambda: put(node("VolumePrincipled", {"Density": 0.5, "Blackbody Intensity": 0.1, "Temperature": 2500.0})),
         bounces=4,
