@@ -61,27 +61,29 @@ class BsdfSample:
         return any_column(self.weight > 0)
 
 
-def lobe_probabilities(shading: Shading, with_diffuse: bool = False) -> Floats:
+def lobe_probabilities(shading: Shading, with_diffuse: bool = False, through_only: bool = False) -> Floats:
     """Return the probability of each lobe: the passage first, then the lobes, (n, 1 + lobes); rows of 0 have none.
 
     with_diffuse : True appends the Lambertian parts, that of the surface's normal first: (n, 2 + lobes + tilted)
+    through_only : True gives a chance to those alone of them that light comes through
     """
-    shares = lobe_shares(shading, with_diffuse)
+    shares = lobe_shares(shading, with_diffuse, through_only)
     total = sum_columns(shares)[:, np.newaxis]
     return np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
 
 
-def lobe_shares(shading: Shading, with_diffuse: bool = False) -> Floats:
-    """Return about how much light each lobe sends on, in the columns of `lobe_probabilities`."""
+def lobe_shares(shading: Shading, with_diffuse: bool = False, through_only: bool = False) -> Floats:
+    """Return about how much light each lobe sends on, by the columns of `lobe_probabilities`, if it may."""
     count = 1 + len(shading.lobes)
     shares = make_zeros(len(shading), count + (1 + len(shading.tilted) if with_diffuse else 0))
     shares[:, 0] = mean_column(shading.passage)
     for column, lobes in enumerate(shading.lobes, start=1):
         shares[lobes.hit, column] = mean_column(lobes.weight) * lobes.albedo
     if with_diffuse:
-        shares[:, count] = mean_column(shading.diffuse)
+        shares[:, count] = 0.0 if through_only else mean_column(shading.diffuse)
         for column, part in enumerate(shading.tilted, start=count + 1):
-            shares[part.hit, column] = mean_column(part.albedo)
+            if part.transmits or not through_only:
+                shares[part.hit, column] = mean_column(part.albedo)
     return shares
 
 

@@ -36,6 +36,7 @@ class Features:
     emission : a used material emits (visible light sources; sampled as lights)
     world : the world is not black
     diffuse : a material reflects diffusely
+    translucent : a material transmits diffusely
     specular : a material reflects or transmits otherwise
     rough : a reflecting or transmitting material has roughness above 0
     narrow : a reflecting or transmitting material may do so into little more than one direction
@@ -61,6 +62,7 @@ class Features:
     emission: bool
     world: bool
     diffuse: bool
+    translucent: bool
     specular: bool
     rough: bool
     narrow: bool
@@ -173,6 +175,7 @@ def derive_features(scene: Scene) -> Features:
         emission=any(_emits(closure) for closure in closures),
         world=scene.world is not None and _shines(scene.world),
         diffuse=any(_is_diffuse(closure) for closure in closures),
+        translucent=any(closure.kind == "translucent" and _is_diffuse(closure) for closure in closures),
         specular=any(_scatters_on(closure) for closure in closures),
         rough=any(_is_rough(closure) for closure in closures),
         narrow=any(_is_narrow(closure) for closure in closures),

@@ -65,7 +65,7 @@ class Integrator:
     pass_index : (instances + groups,) int32
     needs_light : False where all passes are known at the first surface
     goes_on : True where rays can go on from a surface
-    interreflects : True where diffuse reflection is followed
+    interreflects : True where diffuse reflection is followed, or light that comes through diffusely
     told_apart : the kinds of sources of which reflected rays find other light than samples do; where there are any, or
         media shine, diffuse reflection is followed, if only to what shines
     shares : of the sources that are told apart by their kinds, as of LightSource
@@ -132,6 +132,11 @@ class Integrator:
         """True where rays that are reflected diffusely, or scattered, see light that no sample finds: of sources that
         are told apart, and of media."""
         return bool(self.told_apart) or (self.media is not None and self.media.emits)
+
+    @property
+    def reflects_no_light(self) -> bool:
+        """True where diffuse surfaces reflect none of what other surfaces send them: light only comes through them."""
+        return self.settings.integrator == "direct" and not self.looks_around
 
     @property
     def world_group(self) -> int:

@@ -179,7 +179,7 @@ def _compose(
     """
     needs_light = asks_for_light(settings)
     shines = media is not None and media.emits
-    interreflects = settings.integrator == "path" or bool(told_apart) or shines
+    interreflects = settings.integrator == "path" or bool(told_apart) or shines or features.translucent
     interreflects = interreflects and features.diffuse and needs_light
     scatters = media is not None and settings.integrator == "path"
     emitters = None

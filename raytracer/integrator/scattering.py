@@ -11,7 +11,7 @@ import numpy as np
 
 from raytracer.arrays.rows import any_column, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Counts, Floats, Numbers
-from raytracer.bsdfs.bounce_kinds import DIFFUSE, SCATTERED, STRAIGHT, count_bounces
+from raytracer.bsdfs.bounce_kinds import DIFFUSE, SCATTERED, STRAIGHT, TRANSMITTED, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
 from raytracer.integrator.bounces import CERTAIN_BOUNCES, find_ended, survival_probability
 from raytracer.integrator.direct_light import sample_lights
@@ -110,11 +110,12 @@ def count_all(integrator: Integrator, paths: Paths) -> Counts | None:
 
 
 def find_finished(integrator: Integrator, paths: Paths) -> Booleans:
-    """Return (n,) True for paths that have used up their bounces; where they look around, the direct integrator's
-    diffuse reflections, and what media scatter, only look for what shines."""
+    """Return (n,) True for paths that have used up their bounces; the direct integrator's diffuse reflections, and
+    what media scatter, where they are followed, only look for what shines."""
     ended = find_ended(paths.bounces, integrator.settings)
     if integrator.looks_around and integrator.settings.integrator == "direct":
-        ended |= (paths.kind & (DIFFUSE | SCATTERED)) > 0
+        ended |= (paths.kind & (DIFFUSE | TRANSMITTED)) == DIFFUSE
+        ended |= (paths.kind & SCATTERED) > 0
     return ended
 
 
@@ -132,7 +133,7 @@ def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
     comes through from behind, where nobody looks for the world, nor where paths look around.
     """
     paths, shading = wave.paths, wave.shading
-    probabilities = lobe_probabilities(shading, integrator.interreflects)
+    probabilities = lobe_probabilities(shading, integrator.interreflects, integrator.reflects_no_light)
     if ended.any():
         open_ = ended & ~find_closed(integrator, paths)
         probabilities[ended, 0] = (open_ & any_column(shading.transparency > 0))[ended]

@@ -56,6 +56,8 @@ def with_closures(*closures):
         (with_closures(), set()),
         (with_closures(Closure("diffuse")), {"diffuse"}),
         (with_closures(Closure("diffuse", color=0)), set()),
+        (with_closures(Closure("translucent")), {"diffuse", "translucent"}),
+        (with_closures(Closure("translucent", color=0)), set()),
         (with_closures(Closure("principled", metallic=1)), {"specular", "rough"}),
         (with_closures(Closure("principled", transmission=1)), {"specular", "rough"}),
         (with_closures(Closure("emission", color=1)), {"emission"}),
