@@ -1,7 +1,7 @@
 """Volumes: shader nodes to sums of weighted parts of a medium, and a program for all that varies in space.
 
 One reader for each node, listed in `VOLUME_READERS`; any other shader does nothing in a volume, as in Cycles. What
-programs can read at a point in space is less than on a surface: grids, coordinates, the object and the ray.
+programs can read at a point in space is less than on a surface: grids, coordinates and the object.
 
 References
 ----------
@@ -19,7 +19,7 @@ import numpy as np
 import raytracer
 from raytracer.scene.media import MEDIUM_RANGES
 from raytracer.scene.programs import Program, Register, Value
-from raytracer.shading.evaluate import OPERATIONS
+from raytracer.shading.evaluate import LIGHT_PATH, OPERATIONS
 
 from ..warnings import WarningList
 from .closures import NodeInputs
@@ -59,6 +59,9 @@ class VolumeBuilder(ProgramBuilder):
         """Add a step as `ProgramBuilder` does, or what stands in space for one of a surface."""
         settings = settings or {}
         operation = OPERATIONS[name]
+        if name.startswith(LIGHT_PATH):
+            self.place.warn("volume: Light Path tells nothing of rays in a volume, its outputs are 0 there")
+            return dict.fromkeys(operation.outputs, 0.0)
         if name in SURFACE_ONLY or not set(operation.attributes(settings)) <= {GENERATED, *self.grids}:
             return {output: self._miss(name, output) for output in operation.outputs}
         if self.is_world and name == "TEX_COORD Object" and settings["object_from_world"] is None:

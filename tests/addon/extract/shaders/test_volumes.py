@@ -80,6 +80,16 @@ def test_absorption_and_emission_add_up_with_their_weights(tree: Any) -> None:
     assert_array_equal(parts["emission"].emission, (4, 2, 1))
 
 
+def test_rays_tell_volumes_nothing_which_is_named(tree: Any) -> None:
+    path = tree.nodes.new("ShaderNodeLightPath")
+    volume = fill(tree, "ShaderNodeVolumeScatter", {})
+    tree.links.new(path.outputs["Is Camera Ray"], volume.inputs["Density"])
+    assert extract_part().density == 0.0
+    (warning,) = extract().warnings
+    assert "Light Path" in warning.text
+    assert (warning.object, warning.material) == ("Object", "Material")
+
+
 @pytest.mark.skipif(versions.VERSION < (5, 0), reason="the node is of Blender 5.0")
 def test_coefficients(tree: Any) -> None:
     values = {"Absorption Coefficients": (1, 2, 3), "Scatter Coefficients": (4, 5, 6)}
