@@ -73,22 +73,22 @@ def test_intervals_hold_the_error_of_a_scene_without_fireflies():
 
 
 def test_a_scene_of_fireflies_says_so():
-    truth = find_truth("blur", 12, 8)
+    truth = find_truth("blur", 12, 16)
     assert all(told.note for told in truth.told)
 
 
 def test_a_picture_whose_two_halves_met_as_much_says_so():
-    """Seed 61 of the balls out of focus: both replications have met them equally often."""
+    """Seed 84 of the balls out of focus: both replications have met them equally often."""
     make, integrator = SCENES["blur"]
-    told = render(make(), WIDTH, HEIGHT, 16, integrator=integrator, seed=61).measure_error()
+    told = render(make(), WIDTH, HEIGHT, 16, integrator=integrator, seed=84).measure_error()
     assert 0 < told.few <= 3
     assert told.interval[1] > 8 * told.error
 
 
 def test_a_picture_that_has_missed_its_light_says_so():
-    """Seed 21 of glass and a mirror: none of its samples has met the lamp, which others show as 13 times its error."""
+    """Seed 1 of glass and a mirror: none of its samples has met the lamp, which others show as 13 times its error."""
     make, integrator = SCENES["fireflies"]
-    told = render(make(), WIDTH, HEIGHT, 16, integrator=integrator, seed=21).measure_error()
+    told = render(make(), WIDTH, HEIGHT, 16, integrator=integrator, seed=1).measure_error()
     assert told.is_unmet
     assert told.interval[1] > 13 * told.error
 
