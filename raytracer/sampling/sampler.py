@@ -45,7 +45,7 @@ class Sampler:
     own : n SobolSamples
     shared : what they share with others; None for nothing
     dimension : the first of the numbered dimensions that are theirs to use; the methods count from there
-    wave : of the paths, from 0
+    wave : number of the paths' wave, from 0, for `joined_pair`
     """
 
     own: SobolSamples
@@ -72,8 +72,8 @@ class Sampler:
     def joined_pair(self, dimension: int = 0) -> Floats:
         """Return (n, 2) float64 in [0, 1) x [0, 1), good together with those of the film and of other waves.
 
-        Uses in one wave are good for one thing each alone, such as one light's sample or the way on: their points
-        depend on each other, so that no light may be a matter of two of them.
+        Those of one wave are not good together: they are for uses whose light adds up, such as samples of several
+        lights and the way on. What multiplies takes `uniform_pair`, such as a choice among lights.
         """
         return self.own.uniform_pair(self.dimension + dimension, find_wave_pair(self.wave))
 
