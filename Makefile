@@ -4,6 +4,7 @@
 #   make render      render blend_scenes/still_life.blend to build/still_life.png (SIZE=960x640 SAMPLES=64 for more)
 #   make test        the tests of the quick tier;  make test-all: the slow ones too
 #   make check       formatting, lint and types
+#   make test-oldest      the add-on's quick tests in Blender 4.2.0, which it installs into build
 #   make test-clusters    renders on a Dask cluster of this computer, and the job templates for render farms
 #   make test-windows     the ray tracer's tests, all scenes and the command line on Windows' rules, under Wine
 #   make test-processors  all scenes, and the certified tests, as other processors compute them
@@ -15,7 +16,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
-.PHONY: setup render test test-all test-clusters test-windows test-processors check report extension clean
+.PHONY: setup render test test-all test-oldest test-clusters test-windows test-processors check report extension clean
 
 PYTHON ?=
 SCENE := blend_scenes/still_life.blend
@@ -54,6 +55,9 @@ $(CLUSTERS_READY): $(READY)
 
 test-clusters: $(CLUSTERS_READY)
 	@$(BIN)/python -m pytest tests/raytracer/rendering/test_clusters.py tests/addon/farm
+
+test-oldest: $(READY)
+	@.ci/test_oldest
 
 test-windows: $(READY)
 	@.ci/test_windows

@@ -57,7 +57,7 @@ def add_shadows() -> list[bpy.types.Object]:
     turned = {"Monkey's shadow": (-43, 0, -37), "Ring's shadow": (35, 20, 0), "Star's shadow": (0, 0, 14)}
     things = []
     for mesh, x, scale in zip((monkey, ring, make_star()), PLACES, (0.62, 1.15, 1.25), strict=True):
-        thing = building.link_object(mesh.name, mesh, (x + 0.2, 0.15, 0.62), rotation=turned[mesh.name], scale=scale)
+        thing = building.link_object(mesh.name, mesh, (x + 0.42, 0.36, 0.66), rotation=turned[mesh.name], scale=scale)
         for rays in ("camera", "diffuse", "glossy", "transmission", "volume_scatter"):
             setattr(thing, f"visible_{rays}", False)
         things.append(thing)
