@@ -130,7 +130,8 @@ def evaluate_diffuse(shading: Shading, incoming: Floats) -> Floats:
     if shading.frequency is not None:
         value *= fall_faster(dot(shading.normal, incoming), shading.frequency)[:, np.newaxis]
     for part in shading.tilted:
-        light = evaluate_tilted(part, shading.normal[part.hit], incoming[part.hit])
+        fades = None if shading.fades_bumps is None else shading.fades_bumps[part.hit]
+        light = evaluate_tilted(part, shading.normal[part.hit], incoming[part.hit], fades)
         if shading.frequency is not None:
             light *= fall_faster(dot(part.normal, incoming[part.hit]), shading.frequency[part.hit])[:, np.newaxis]
         value[part.hit] += light
@@ -181,12 +182,14 @@ def evaluate_bsdf(
     return value, density
 
 
-def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats) -> Floats:
+def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats, fades: Booleans | None = None) -> Floats:
     """Return f |cos| (m, 3) of Lambertian parts with normals b of their own, for light from `incoming` i (m, 3).
 
     Light from behind the surface's own `normal` n (m, 3) is cut; before that it fades out as if the bumps were facets
     that shadow each other: by 2 / (1 + sqrt(1 + a^2 tan^2(n, i))) with a^2 = tan^2(n, b) / 8, at most 1. A normal at a
     right angle, as a Bevel node's may be, faces either side.
+
+    fades : (m,) bool, False where it arrives undimmed; None where it always fades
 
     References
     ----------
@@ -196,6 +199,8 @@ def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats) -> Fl
     across, bend = dot(normal, incoming), dot(normal, part.normal)
     roughness = np.minimum(_squared_tangent(bend) / 8.0, 1.0)
     fading = 2.0 / (1.0 + np.sqrt(1.0 + roughness * _squared_tangent(across)))
+    if fades is not None:
+        fading = np.where(fades, fading, 1.0)
     return part.evaluate(incoming) * np.where(across * bend >= 0, fading, 0.0)[:, np.newaxis]
 
 

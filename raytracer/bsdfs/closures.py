@@ -126,6 +126,7 @@ class Shading:
     holdout : (n,) float64, share of the surface that is a hole in the picture; None where no material has one
     subsurface : parts whose light goes on below the surface, each for some of the points
     portals : parts that rays enter to go on elsewhere, likewise
+    fades_bumps : (n,) bool, False where normals of diffuse parts may bend as they like; None where all fade
     """
 
     normal: Floats
@@ -140,6 +141,7 @@ class Shading:
     holdout: Floats | None = None
     subsurface: tuple[Subsurface, ...] = ()
     portals: tuple[Portals, ...] = ()
+    fades_bumps: Booleans | None = None
 
     def __len__(self) -> int:
         return len(self.normal)

@@ -180,6 +180,7 @@ class Material:
     volume : what is inside of closed meshes that have this material; None for nothing
     only_volume : True for a surface that is nothing but the border of its volume, which rays pass as if it were not
         there: it has no closures of its own, and a clear one stands for them
+    fades_bumps : False lets light that grazes bent normals of diffuse closures arrive undimmed
     """
 
     closures: Sequence[Closure] = ()
@@ -191,12 +192,13 @@ class Material:
     aovs: Aovs | None = None
     volume: Volume | None = None
     only_volume: bool = False
+    fades_bumps: bool = True
 
     def __post_init__(self) -> None:
         require_text(self.name, "Material: name")
         label = f"Material {self.name!r}"
         set_count(self, "pass_index", label)
-        set_flags(self, ("transparent_shadow", "only_volume"), label)
+        set_flags(self, ("transparent_shadow", "only_volume", "fades_bumps"), label)
         check_volume(self.volume, f"{label}: volume")
         if self.only_volume:
             self._clear(label)

@@ -50,6 +50,7 @@ class MaterialTable:
     stops_light : (materials,) bool, True where nothing passes through to cast light
     holdout : (materials, 3) float64, share that is a hole in the picture, NaN where a program computes it; None where
         no material has one
+    fades_bumps : (materials,) bool, as of Material; None where all do
     computed : None where all materials are constant
     """
 
@@ -61,6 +62,7 @@ class MaterialTable:
     stops_light: Booleans
     computed: ComputedMaterials | None = None
     holdout: Floats | None = None
+    fades_bumps: Booleans | None = None
 
 
 def has_weight(closure: Closure) -> bool:
@@ -89,6 +91,9 @@ def make_material_table(scene: Scene, sites: SiteTables | None = None) -> Materi
         holdout=_sum_colors(kept, _holdout_of)
         if any(item.kind == "holdout" for items in kept for item in items)
         else None,
+        fades_bumps=None
+        if all(material.fades_bumps for material in scene.materials)
+        else np.array([material.fades_bumps for material in scene.materials]),
     )
 
 
@@ -203,6 +208,7 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
         holdout=None
         if table.holdout is None
         else mean_column(_sum_parts(table, None, surface, path, table.holdout, _holdout_of, columns)),
+        fades_bumps=None if table.fades_bumps is None else table.fades_bumps[surface.material],
     )
     for slot, kinds in enumerate(table.kinds):
         kind_of_hit = kinds[surface.material]

@@ -107,7 +107,16 @@ def extract_material(
         aovs=read_aovs(node_tree, aovs, ProgramBuilder(place, images, material.pass_index)),
         volume=volume,
         only_volume=volume is not None and not has_surface,
+        fades_bumps=fades_bumps(material),
     )
+
+
+def fades_bumps(material: Any) -> bool:
+    """True where Cycles' settings of a material keep its Bump Map Correction, as they do where there are none.
+
+    Those of the original are read: a script that changes them lets no evaluated copy know.
+    """
+    return bool(getattr(getattr(material.original, "cycles", None), "use_bump_map_correction", True))
 
 
 def find_program(

@@ -35,6 +35,13 @@ def make_shown(closure="ShaderNodeBsdfDiffuse", samples=4, bump=False, radius=RA
     return material
 
 
+def make_uncorrected():
+    """A material whose bent normals do not fade the light that grazes them."""
+    material = make_shown(bump=True, radius=0.6)
+    material.cycles.use_bump_map_correction = False
+    return material
+
+
 def make_colored(samples=4, radius=RADIUS):
     """A material that shines with half a Bevel node's normal, and a half."""
     material = building.make_shader("Normal", "Emission", (1, 1, 1))
@@ -68,6 +75,7 @@ CASES = {
     "two samples": lambda: make_shown(samples=2),
     "wide": lambda: make_shown(samples=16, radius=0.8),
     "bump": lambda: make_shown(bump=True),
+    "uncorrected": make_uncorrected,
     "glossy": lambda: make_shown("ShaderNodeBsdfAnisotropic", Roughness=0.6),
     "principled": lambda: make_shown("ShaderNodeBsdfPrincipled", Roughness=0.4, Metallic=0.5),
     "color": make_colored,

@@ -254,6 +254,18 @@ def test_a_normal_at_a_right_angle_faces_either_side():
     np.testing.assert_allclose(evaluate_tilted(part, -UP, incoming), 0.5 / np.pi * 2.0 / 3.0)
 
 
+def test_bumps_fade_only_where_they_are_to():
+    """Light at 60 degrees from the surface's normal and 30 from its own: undimmed, and by a^2 = tan^2(60) / 8."""
+    own = np.array([(np.sqrt(0.75), 0.0, 0.5)] * 2)
+    part = TiltedDiffuse(np.arange(2), own, np.ones((2, 3)))
+    incoming = np.array([(0.0, np.sqrt(0.75), 0.5)] * 2)
+    found = evaluate_tilted(part, UP.repeat(2, axis=0), incoming, np.array([False, True]))
+    np.testing.assert_allclose(found[0], 0.25 / np.pi)
+    np.testing.assert_allclose(found[1], 0.25 / np.pi * 2.0 / (1.0 + np.sqrt(1.0 + 9.0 / 8.0)))
+    behind = evaluate_tilted(part, UP.repeat(2, axis=0), np.array([(1.0, 0.0, -0.1)] * 2), np.array([False, True]))
+    np.testing.assert_array_equal(behind != 0, 0)
+
+
 def test_anisotropy_keeps_the_mean_roughness_unless_it_is_cut():
     closures = Closures({"anisotropy": np.array([0.5])}, np.zeros(1, int))
     grain = Grain(np.array([0.5]), np.ones(1))

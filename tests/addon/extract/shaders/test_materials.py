@@ -274,6 +274,13 @@ def test_material_override_of_the_view_layer(tree: Any) -> None:
     assert extract_material().name == "Override"
 
 
+def test_bump_map_correction_is_the_materials_choice(tree: Any) -> None:
+    material = bpy.data.materials["Material"]
+    for choice in (True, False):
+        material.cycles.use_bump_map_correction = choice
+        assert extract_material().fades_bumps == choice
+
+
 def test_transparent_shadows_are_the_materials_choice(tree: Any) -> None:
     material = bpy.data.materials["Material"]
     for choice in (True, False):
