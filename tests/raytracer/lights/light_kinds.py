@@ -49,3 +49,10 @@ def make_points(rng, count, sets=None):
     """Return points with normals, some of them very near to lights."""
     position = rng.uniform(-6, 6, (count, 3))
     return Receivers(position.T, normalize(rng.normal(size=(count, 3))).T, sets)
+
+
+def list_lights(tree, node):
+    """Return the lights below a node."""
+    if tree.second[node] < 0:
+        return [int(tree.light[node])]
+    return list_lights(tree, node + 1) + list_lights(tree, tree.second[node])

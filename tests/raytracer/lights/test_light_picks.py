@@ -9,13 +9,14 @@ import raytracer
 from raytracer.arrays.vectors import normalize
 from raytracer.lights.light_importance import Receivers, average_above, find_importance
 from raytracer.lights.light_picks import POINTS_AT_ONCE, find_chances, pick_lights
-from raytracer.lights.light_tree import make_light_tree
+from raytracer.lights.light_tree import cut_nodes, make_light_tree
 from raytracer.lights.lights import sample_light
 from raytracer.scene.fields import ALL_SETS
-from tests.raytracer.lights.light_kinds import COUNT, make_lights, make_points, turn_round
+from tests.raytracer.lights.light_kinds import COUNT, list_lights, make_lights, make_points, turn_round
 
 PICKS = 5
 STEPS = 4096
+GROUND = np.array([[0.0], [0], [1]])  # the normal of one point
 
 
 def pick_evenly(tree, points, count=PICKS, steps=STEPS):
@@ -90,32 +91,56 @@ def make_hall(side, area=False):
 @pytest.mark.parametrize("area", [False, True])
 def test_a_few_of_a_thousand_lights_tell_what_all_of_them_send(area):
     """The irradiance I cos b / d^2, of small areas I cos a cos b / d^2: over all numbers the mean is the sum, within
-    the error of the grid, and 16 lights tell it to 4% (measured 2.3 and 1.2; picked from the root, it were 17)."""
+    the error of the grid, and 16 lights tell it to 2% (measured 1.3 and 1.1; picked from the root, one by one, 17)."""
     lights, places, intensity = make_hall(32, area)
     tree, rng = make_light_tree(lights), np.random.default_rng(6)
     ground = np.concatenate([rng.uniform(50, 76, (15, 2)), np.zeros((15, 1))], axis=1)
     errors = []
     for place in ground:
-        offset = places - place
-        square = (offset**2).sum(axis=1)
-        sent = intensity * offset[:, 2] / square**1.5
-        if area:
-            sent *= offset[:, 2] / np.sqrt(square)
-        light, chance = pick_evenly(tree, Receivers(place[:, np.newaxis], np.array([[0.0], [0], [1]]), None), 16, 512)
+        sent = find_sent(place, places, intensity, area)
+        light, chance = pick_evenly(tree, Receivers(place[:, np.newaxis], GROUND, None), 16, 512)
         told = np.where(light >= 0, sent[light] / np.where(light >= 0, chance, 1.0), 0.0).sum(axis=0)
         errors.append(np.std(told) / sent.sum())
         np.testing.assert_allclose(told.mean(), sent.sum(), rtol=4.0 * errors[-1] / np.sqrt(512) + 0.002)
-    assert np.sqrt(np.mean(np.square(errors))) < 0.04
+    assert np.sqrt(np.mean(np.square(errors))) < 0.02
 
 
-def test_lights_that_promise_most_are_always_aimed_at_and_by_one_source():
+def find_sent(place, places, intensity, area):
+    """Return the irradiance (lights,) of the ground by lights above it."""
+    offset = places - place
+    square = (offset**2).sum(axis=1)
+    sent = intensity * offset[:, 2] / square**1.5
+    return sent * offset[:, 2] / np.sqrt(square) if area else sent
+
+
+@pytest.mark.parametrize("area", [False, True])
+def test_groups_promise_about_what_their_lights_send(area):
+    """Shares of the cut measured 0.18 and 0.23 off; with spheres for boxes 0.32 and 0.29."""
+    lights, places, intensity = make_hall(32, area)
+    tree, place = make_light_tree(lights), np.array([60.0, 63.0, 0.0])
+    points = Receivers(place[:, np.newaxis], GROUND, None)
+    row, node = cut_nodes(tree.clusters, tree.within, tree.second, points.position)
+    of_light = find_sent(place, places, intensity, area)
+    groups = tree.second[node] >= 0
+    sent = np.array([of_light[list_lights(tree, one)].sum() for one in node[groups]])
+    promised = find_importance(tree.clusters, node, points, row)[groups]
+    ratio = promised / promised.sum() / (sent / sent.sum())
+    assert np.sqrt(np.average((ratio - 1.0) ** 2, weights=sent)) < 0.25
+
+
+def test_lights_that_promise_most_are_always_aimed_at_and_by_one_source_each():
+    """So each source's samples of its light are as even as those of a light that is always aimed at; measured of 141
+    certain lights 124, the others lie in groups. Without their places at the front it were 69."""
     lights, places, _ = make_hall(12)
-    tree = make_light_tree(lights)
-    place = places[70] - (0.1, 0.2, 1.5)
-    light, chance = pick_evenly(tree, Receivers(place[:, np.newaxis], np.array([[0.0], [0], [1]]), None), 16, 256)
-    assert (chance[light == 70] == 1.0).all()
-    assert (light == 70).any(axis=1).sum() == 1
-    assert (light == 70).any(axis=0).all()
+    tree, sources = make_light_tree(lights), []
+    for number in range(60, 80):
+        place = places[number] - (1.5, 1.2, 1.5)
+        light, chance = pick_evenly(tree, Receivers(place[:, np.newaxis], GROUND, None), 16, 256)
+        for one in np.unique(light[chance == 1.0]):
+            assert (light == one).any(axis=0).all()
+            sources.append((light == one).any(axis=1).sum())
+    assert len(sources) > 100
+    assert (np.array(sources) == 1).mean() > 0.8
 
 
 def test_picks_are_the_same_whatever_points_come_along():
@@ -150,7 +175,7 @@ def test_lights_that_shine_away_are_not_aimed_at():
         for x in range(40)
     ]
     tree = make_light_tree(tuple(lights))
-    points = Receivers(np.array([[20.0], [0], [0]]), np.array([[0.0], [0], [1]]), None)
+    points = Receivers(np.array([[20.0], [0], [0]]), GROUND, None)
     chances = find_all_chances(tree, points)[0]
     assert not chances[1::2].any()
     assert abs(chances.argmax() - 20) <= 2

@@ -10,14 +10,7 @@ from raytracer.arrays.vectors import normalize
 from raytracer.lights.light_tree import LARGEST_CUT, OPENNESS, cut_nodes, find_near_lights, make_light_tree
 from raytracer.lights.lights import evaluate_light, has_extent, sample_light
 from raytracer.lights.stacked_lights import stack_lights
-from tests.raytracer.lights.light_kinds import COUNT, make_lights
-
-
-def list_lights(tree, node):
-    """Return the lights below a node."""
-    if tree.second[node] < 0:
-        return [int(tree.light[node])]
-    return list_lights(tree, node + 1) + list_lights(tree, tree.second[node])
+from tests.raytracer.lights.light_kinds import COUNT, list_lights, make_lights
 
 
 def cut(tree, position):
