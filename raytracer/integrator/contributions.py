@@ -25,6 +25,7 @@ from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.light_passes import add_met
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, WORLD
 from raytracer.integrator.paths import PathPasses, Paths, Wave
+from raytracer.integrator.picked_geometry import find_emitter_factors
 from raytracer.integrator.picked_lights import LightGroup, split_by_light
 from raytracer.lecture import length
 from raytracer.lights.emitter_table import Emitters
@@ -320,6 +321,10 @@ def add_emission_met(
         surface.instance[sampled],
         surface.primitive[sampled],
     )
+    if integrator.emitter_group is not None:
+        other *= find_emitter_factors(
+            integrator.emitter_group, integrator.links, paths.select(sampled), surface.instance[sampled]
+        )
     share[sampled] = power_heuristic(paths.density[sampled], integrator.share_density(GEOMETRY, other))
     if integrator.links is not None:
         lit = integrator.links.find_lit(integrator.links.receivers[surface.instance], paths.scatterer)

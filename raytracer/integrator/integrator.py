@@ -26,6 +26,7 @@ from raytracer.integrator.shadow_rays import (
     CastShadows,
     Visibility,
 )
+from raytracer.lights.emitter_groups import EmitterGroup
 from raytracer.lights.emitter_table import Emitters
 from raytracer.lights.environment import Environment
 from raytracer.lights.glints import Glint
@@ -58,6 +59,7 @@ class Integrator:
     counts_bounces : True where a light asks how many bounces led to what it lights
     visible_groups : many lights likewise
     emitters : None where nothing is emissive
+    emitter_group : of objects that shine, where a few of many are aimed at; None where all are sampled by power
     background : the world, or None where it is black
     visibility : how shadow rays fare
     program_caster : casts rays for programs; None where no program casts any
@@ -115,6 +117,7 @@ class Integrator:
     light_nodes: Mapping[Light, ComputedLight] = field(default_factory=dict)
     counts_bounces: bool = False
     visible_groups: tuple[LightGroup, ...] = ()
+    emitter_group: EmitterGroup | None = None
     eye: Vectors | None = None
     screen_motion: ScreenMotion | None = None
     camera_axes: Vectors | None = None

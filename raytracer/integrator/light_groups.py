@@ -57,7 +57,7 @@ def group_source(source: LightSource, grouped: GroupedLight) -> LightSource:
     if isinstance(source, SampledLight):
         return replace(source, light_group=grouped.of_lights[source.light])
     if isinstance(source, PickedLight):
-        of_lights = [grouped.of_lights[light] for light in source.group.tree.lights]
+        of_lights = [grouped.of_lights[light] for light in source.group.lights]
         return replace(source, light_groups=np.array(of_lights, dtype=np.int32))
     if isinstance(source, EmissiveGeometry):
         return replace(source, light_groups=grouped.of_objects)

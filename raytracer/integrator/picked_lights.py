@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats, Indices, Integers
 from raytracer.integrator.light_sources import ALONE, LIGHT, KeyedSamples, LightSource, ShadingPoints
-from raytracer.lights.light_bounds import has_place
+from raytracer.lights.light_bounds import bound_lights, has_place
 from raytracer.lights.light_importance import Receivers
 from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.light_nodes import ComputedLight, vary_samples
@@ -40,11 +40,13 @@ PICKS = 16
 class LightGroup:
     """Many lights alike: they throw shadows or none, are seen by the same rays, and so on.
 
+    tree : of the lights
     stacks : the lights once more, as records; of each light the record is `stack` and its row there `row`
     links : which objects each lights; None where all light all
     computed : what evaluates the nodes of those that have any
     """
 
+    lights: tuple[Light, ...]
     tree: LightTree
     stacks: Sequence[LightStack]
     stack: NDArray[np.int64]
@@ -55,17 +57,16 @@ class LightGroup:
     @property
     def example(self) -> Light:
         """One of the lights; in what makes them alike it stands for all."""
-        return self.tree.lights[0]
+        return self.lights[0]
 
     @property
     def has_extent(self) -> bool:
         """True where rays can meet any of the lights."""
-        return any(map(has_extent, self.tree.lights))
+        return any(map(has_extent, self.lights))
 
     def describe(self, position: Floats, normal: Floats, instance: Integers) -> Receivers:
         """Return what the tree asks of points (n, 3) with normals (n, 3) on instances (n,)."""
-        sets = None if self.links is None else self.links.light_set[instance]
-        return Receivers(np.ascontiguousarray(position.T), np.ascontiguousarray(normal.T), sets)
+        return describe_receivers(self.links, position, normal, instance)
 
     def pick(self, points: ShadingPoints, choice: Floats) -> Picks:
         """Return what is aimed at from n points; choice : (n,) uniform numbers."""
@@ -76,6 +77,12 @@ class LightGroup:
     def find_chances(self, light: NDArray[np.integer], row: Indices, points: Receivers) -> Floats:
         """Return the probabilities (k,) with which lights (k,) are aimed at from points by their rows (k,)."""
         return find_chances(self.tree, light, row, points, PICKS)
+
+
+def describe_receivers(links: LightLinks | None, position: Floats, normal: Floats, instance: Integers) -> Receivers:
+    """Return what a tree asks of points (n, 3) with normals (n, 3) on instances (n,)."""
+    sets = None if links is None else links.light_set[instance]
+    return Receivers(np.ascontiguousarray(position.T), np.ascontiguousarray(normal.T), sets)
 
 
 def split_lights(
@@ -92,9 +99,9 @@ def split_lights(
     for of_kind in alike.values():
         if len(of_kind) > MOST_AIMED_AT:
             linked = any(light.receivers != ALL_SETS for light in of_kind)
-            tree = make_light_tree(tuple(of_kind))
-            groups.append(LightGroup(tree, *stack_lights(of_kind), links if linked else None, computed))
-    grouped = {light for group in groups for light in group.tree.lights}
+            tree = make_light_tree(bound_lights(tuple(of_kind)))
+            groups.append(LightGroup(tuple(of_kind), tree, *stack_lights(of_kind), links if linked else None, computed))
+    grouped = {light for group in groups for light in group.lights}
     return [light for light in lights if light not in grouped], groups
 
 
@@ -150,7 +157,7 @@ def make_no_samples(count: int) -> LightSamples:
 def split_by_light(group: LightGroup, light: NDArray[np.integer]) -> Iterator[tuple[Light, Indices]]:
     """Yield each light with the rows of `light` (n,), ascending numbers, that name it."""
     for rows in np.split(np.arange(len(light)), np.flatnonzero(np.diff(light)) + 1) if len(light) else ():
-        yield group.tree.lights[light[rows[0]]], rows
+        yield group.lights[light[rows[0]]], rows
 
 
 def make_picked_sources(group: LightGroup) -> list[PickedLight]:

@@ -33,6 +33,7 @@ from raytracer.integrator.light_sources import (
     make_world_sources,
     set_chances,
 )
+from raytracer.integrator.picked_geometry import PickedGeometry, pick_geometry
 from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_picked_sources, split_lights
 from raytracer.integrator.random_walk import count_numbers
 from raytracer.integrator.scene_media import SceneMedia, make_scene_media
@@ -198,9 +199,9 @@ def _compose(
     if emitters is not None:
         by_object = seen_by if seen_by is not None and _hides_emitters(emitters, seen_by, media is not None) else None
         of_geometry = make_geometry_source(emitters, links, by_object, by_pair=not aims_at_all)
-        sources.append(
-            of_geometry if shadow_links is None else replace(of_geometry, blockers_by_object=shadow_links.blockers)
-        )
+        if shadow_links is not None:
+            of_geometry = replace(of_geometry, blockers_by_object=shadow_links.blockers)
+        sources += [of_geometry] if aims_at_all else pick_geometry(of_geometry)
     if background is not None:
         sources += make_world_sources(background, features.light_path or is_seen_by_some(seen_by, LOOKING))
     dimensions = allocate_dimensions(
@@ -252,6 +253,7 @@ def _compose(
         camera_axes=find_camera_axes(scene) if "Denoising Normal" in settings.passes else None,
         mattes={kind: find_identities(scene, kind) for kind in select_mattes(settings.passes)},
         emitters=emitters,
+        emitter_group=next((source.group for source in sources if isinstance(source, PickedGeometry)), None),
         grouped=grouped,
         background=background,
         visibility=visibility,

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.lecture import dot
-from raytracer.lights.light_bounds import bound_lights, join_bounds
+from raytracer.lights.light_bounds import LightBounds, join_bounds
 from raytracer.lights.light_importance import LightClusters, measure_clusters
 from raytracer.predicates.rounding import gamma
-from raytracer.scene.lights import Light
 
 # Groups stay whole where the square of their radius is at most this share of the square of their distance: distances to
 # their lights are within a factor of 3, for which what is picked inside of them makes up.
@@ -39,7 +38,6 @@ RAYS_AT_ONCE = 1 << 14
 class LightTree:
     """A binary tree of lights; the first half of node k is node k + 1.
 
-    lights : those that have a place
     clusters : the lights of each node
     within : (nodes,) float64, square metres, nodes whose middle is nearer by its square come apart; -1 of lights
     second : (nodes,) intp, the other half; -1 of nodes that are a light
@@ -49,7 +47,6 @@ class LightTree:
     leaf : (lights,) intp, the node of each light
     """
 
-    lights: tuple[Light, ...]
     clusters: LightClusters
     within: Floats
     second: Indices
@@ -100,9 +97,8 @@ def _halve(middle: Floats) -> _Nodes:
     return _Nodes(order, level_of, start_of, size_of, second, parent_of)
 
 
-def make_light_tree(lights: tuple[Light, ...]) -> LightTree:
-    """Return the tree of lights that have a place."""
-    leaves = bound_lights(lights)
+def make_light_tree(leaves: LightBounds) -> LightTree:
+    """Return the tree of lights of such bounds."""
     nodes = _halve((leaves.low + leaves.high) / 2.0)
     is_light, bounds = nodes.size == 1, leaves.select(np.zeros(len(nodes.level), np.intp))
     for level in range(int(nodes.level.max()) + 1):
@@ -112,11 +108,11 @@ def make_light_tree(lights: tuple[Light, ...]) -> LightTree:
         bounds.overwrite(rows, join_bounds(leaves.select(nodes.order), nodes.start[rows]))
     light = np.full(len(nodes.level), -1, np.int32)
     light[is_light] = nodes.order[nodes.start[is_light]]
-    leaf = np.empty(len(lights), np.intp)
+    leaf = np.empty(len(leaves.low), np.intp)
     leaf[light[is_light]] = np.flatnonzero(is_light)
     clusters = measure_clusters(bounds)
     within, size = _choose_within(clusters, nodes.second), nodes.size.astype(np.float64)
-    return LightTree(lights, clusters, within, nodes.second, size, light, nodes.parent, leaf)
+    return LightTree(clusters, within, nodes.second, size, light, nodes.parent, leaf)
 
 
 def _choose_within(clusters: LightClusters, second: Indices) -> Floats:

@@ -6,10 +6,17 @@ import numpy as np
 
 import raytracer
 from raytracer.arrays.vectors import normalize
+from raytracer.lights.light_bounds import bound_lights
 from raytracer.lights.light_importance import Receivers
+from raytracer.lights.light_tree import make_light_tree
 from raytracer.scene.fields import ALL_SETS
 
 COUNT = 41  # no power of 2: leaves at different depths
+
+
+def make_tree(lights):
+    """Return the tree of lights that have a place."""
+    return make_light_tree(bound_lights(tuple(lights)))
 
 
 def turn_round(rng):

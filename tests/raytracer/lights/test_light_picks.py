@@ -9,10 +9,10 @@ import raytracer
 from raytracer.arrays.vectors import normalize
 from raytracer.lights.light_importance import Receivers, average_above, find_importance
 from raytracer.lights.light_picks import POINTS_AT_ONCE, find_chances, pick_lights
-from raytracer.lights.light_tree import cut_nodes, make_light_tree
+from raytracer.lights.light_tree import cut_nodes
 from raytracer.lights.lights import sample_light
 from raytracer.scene.fields import ALL_SETS
-from tests.raytracer.lights.light_kinds import COUNT, list_lights, make_lights, make_points, turn_round
+from tests.raytracer.lights.light_kinds import COUNT, list_lights, make_lights, make_points, make_tree, turn_round
 
 PICKS = 5
 STEPS = 4096
@@ -26,7 +26,7 @@ def pick_evenly(tree, points, count=PICKS, steps=STEPS):
 
 def find_all_chances(tree, points, count=PICKS):
     """Return the chances (n, lights) of all lights at n points."""
-    total = len(tree.lights)
+    total = len(tree.leaf)
     row = np.repeat(np.arange(len(points)), total)
     return find_chances(tree, np.tile(np.arange(total), len(points)), row, points, count).reshape(-1, total)
 
@@ -35,7 +35,7 @@ def find_all_chances(tree, points, count=PICKS):
 def test_lights_are_aimed_at_as_often_as_their_chances_say(count):
     """Each light is met for one stretch of numbers, as long as its chance, or for two, at the ends; never twice."""
     rng = np.random.default_rng(1)
-    tree, points = make_light_tree(make_lights(rng)), make_points(rng, 20)
+    tree, points = make_tree(make_lights(rng)), make_points(rng, 20)
     expected = find_all_chances(tree, points, count)
     for row in range(len(points)):
         light, chance = pick_evenly(tree, points.select([row]), count)
@@ -51,7 +51,7 @@ def test_every_light_that_reaches_a_point_can_be_aimed_at():
     rng = np.random.default_rng(2)
     sets = rng.integers(0, 3, 4000)
     lights = make_lights(rng, receivers=(1, 2, 3, 4, 7))
-    tree, points = make_light_tree(lights), make_points(rng, 4000, sets)
+    tree, points = make_tree(lights), make_points(rng, 4000, sets)
     chances, shining = find_all_chances(tree, points), 0
     for number, light in enumerate(lights):
         samples = sample_light(light, points.position.T, rng.random((4000, 2)))
@@ -93,7 +93,7 @@ def test_a_few_of_a_thousand_lights_tell_what_all_of_them_send(area):
     """The irradiance I cos b / d^2, of small areas I cos a cos b / d^2: over all numbers the mean is the sum, within
     the error of the grid, and 16 lights tell it to 2% (measured 1.3 and 1.1; picked from the root, one by one, 17)."""
     lights, places, intensity = make_hall(32, area)
-    tree, rng = make_light_tree(lights), np.random.default_rng(6)
+    tree, rng = make_tree(lights), np.random.default_rng(6)
     ground = np.concatenate([rng.uniform(50, 76, (15, 2)), np.zeros((15, 1))], axis=1)
     errors = []
     for place in ground:
@@ -117,7 +117,7 @@ def find_sent(place, places, intensity, area):
 def test_groups_promise_about_what_their_lights_send(area):
     """Shares of the cut measured 0.18 and 0.23 off; with spheres for boxes 0.32 and 0.29."""
     lights, places, intensity = make_hall(32, area)
-    tree, place = make_light_tree(lights), np.array([60.0, 63.0, 0.0])
+    tree, place = make_tree(lights), np.array([60.0, 63.0, 0.0])
     points = Receivers(place[:, np.newaxis], GROUND, None)
     row, node = cut_nodes(tree.clusters, tree.within, tree.second, points.position)
     of_light = find_sent(place, places, intensity, area)
@@ -132,7 +132,7 @@ def test_lights_that_promise_most_are_always_aimed_at_and_by_one_source_each():
     """So each source's samples of its light are as even as those of a light that is always aimed at; measured of 141
     certain lights 124, the others lie in groups. Without their places at the front it were 69."""
     lights, places, _ = make_hall(12)
-    tree, sources = make_light_tree(lights), []
+    tree, sources = make_tree(lights), []
     for number in range(60, 80):
         place = places[number] - (1.5, 1.2, 1.5)
         light, chance = pick_evenly(tree, Receivers(place[:, np.newaxis], GROUND, None), 16, 256)
@@ -146,7 +146,7 @@ def test_lights_that_promise_most_are_always_aimed_at_and_by_one_source_each():
 def test_picks_are_the_same_whatever_points_come_along():
     """Bit for bit: in blocks, in another order and alone."""
     rng = np.random.default_rng(7)
-    tree, count = make_light_tree(make_lights(rng)), POINTS_AT_ONCE + 900
+    tree, count = make_tree(make_lights(rng)), POINTS_AT_ONCE + 900
     points, choice = make_points(rng, count), rng.random(count)
     light, chance = pick_lights(tree, points, choice, PICKS)
     order = rng.permutation(count)
@@ -162,7 +162,7 @@ def test_picks_are_the_same_whatever_points_come_along():
 def test_where_no_light_shines_none_is_aimed_at():
     lights = [raytracer.SpotLight((x, 0, 5), 10.0, spot_size=1.0) for x in range(40)]
     above = Receivers(np.array([[20.0], [0], [9]]), np.array([[0.0], [0], [-1]]), None)
-    light, chance = pick_evenly(make_light_tree(tuple(lights)), above)
+    light, chance = pick_evenly(make_tree(tuple(lights)), above)
     assert (light == -1).all()
     assert not chance.any()
 
@@ -174,7 +174,7 @@ def test_lights_that_shine_away_are_not_aimed_at():
         raytracer.SpotLight((x, 0, 5), 10.0, spot_size=1.0, world_from_light=turned if x % 2 else np.eye(3))
         for x in range(40)
     ]
-    tree = make_light_tree(tuple(lights))
+    tree = make_tree(tuple(lights))
     points = Receivers(np.array([[20.0], [0], [0]]), GROUND, None)
     chances = find_all_chances(tree, points)[0]
     assert not chances[1::2].any()
@@ -185,7 +185,7 @@ def test_few_picks_are_left_without_a_light():
     """Each light is aimed at once at most: what near ones do not need goes to the others."""
     lights, places, _ = make_hall(12)
     points = Receivers(places.T - 0.5, np.repeat([[0.0], [0], [1]], len(places), axis=1), None)
-    chances = find_all_chances(make_light_tree(lights), points, 16)
+    chances = find_all_chances(make_tree(lights), points, 16)
     assert chances.max() == 1.0
     assert 15.8 < chances.sum(axis=1).mean() < 16.0
 
@@ -208,7 +208,7 @@ def test_importance_of_a_light_is_what_it_sends():
         (point, 10.0 / np.pi * cosine / square, cosine > 0.05),
         (area, 9.0 / np.pi * cosine * shining / square, (cosine > 0.1) & (shining > 0.1)),
     ):
-        clusters = make_light_tree((light,)).clusters
+        clusters = make_tree((light,)).clusters
         importance = find_importance(clusters, np.zeros(500, np.intp), points, np.arange(500))
         rows = np.flatnonzero(rows & (importance > 0))
         assert len(rows) > 100
@@ -227,6 +227,6 @@ def test_heights_above_the_horizon_have_their_mean(height, extent):
 def test_lights_of_no_power_are_not_aimed_at():
     lights = list(make_lights(np.random.default_rng(9), receivers=(ALL_SETS,)))
     lights[3:30] = [replace(light, power=0.0 * np.asarray(light.power)) for light in lights[3:30]]
-    chances = find_all_chances(make_light_tree(tuple(lights)), make_points(np.random.default_rng(10), 200))
+    chances = find_all_chances(make_tree(tuple(lights)), make_points(np.random.default_rng(10), 200))
     assert not chances[:, 3:30].any()
     assert np.isfinite(chances).all()

@@ -7,10 +7,10 @@ import pytest
 
 import raytracer
 from raytracer.arrays.vectors import normalize
-from raytracer.lights.light_tree import LARGEST_CUT, OPENNESS, cut_nodes, find_near_lights, make_light_tree
+from raytracer.lights.light_tree import LARGEST_CUT, OPENNESS, cut_nodes, find_near_lights
 from raytracer.lights.lights import evaluate_light, has_extent, sample_light
 from raytracer.lights.stacked_lights import stack_lights
-from tests.raytracer.lights.light_kinds import COUNT, list_lights, make_lights
+from tests.raytracer.lights.light_kinds import COUNT, list_lights, make_lights, make_tree
 
 
 def cut(tree, position):
@@ -20,7 +20,7 @@ def cut(tree, position):
 def test_a_cut_holds_every_light_once_and_no_group_that_looks_large():
     rng = np.random.default_rng(5)
     places = np.concatenate([rng.uniform(-50, 50, (300, 3)), rng.normal(scale=0.2, size=(50, 3))])
-    tree = make_light_tree(tuple(raytracer.PointLight(place, 1.0, radius=0.01) for place in places))
+    tree = make_tree(tuple(raytracer.PointLight(place, 1.0, radius=0.01) for place in places))
     points = rng.uniform(-60, 60, (3, 40))
     row, node = cut(tree, points)
     for number in range(40):
@@ -39,13 +39,13 @@ def test_cuts_stay_small_however_many_lights_are_near(size):
     """A thousand lights in a room of 10 m: small ones, and such as all reach into each other."""
     rng = np.random.default_rng(6)
     places = rng.uniform(-5, 5, (1000, 3))
-    tree = make_light_tree(tuple(raytracer.PointLight(place, 1.0, radius=size) for place in places))
+    tree = make_tree(tuple(raytracer.PointLight(place, 1.0, radius=size) for place in places))
     row, _ = cut(tree, rng.uniform(-5, 5, (3, 500)))
     assert len(row) / 500 < 1.25 * LARGEST_CUT
 
 
 def test_a_thousand_lights_at_one_place_make_a_tree():
-    tree = make_light_tree((raytracer.PointLight((1, 2, 3), 1.0),) * 1000)
+    tree = make_tree((raytracer.PointLight((1, 2, 3), 1.0),) * 1000)
     row, _ = cut(tree, np.array([[1.0, 1.1], [2, 2], [3, 3]]))
     assert np.bincount(row)[1] < LARGEST_CUT
 
@@ -56,7 +56,7 @@ def test_rays_come_near_all_the_lights_that_they_meet():
     origins, target = rng.uniform(-9, 9, (count, 3)), rng.integers(0, COUNT, count)
     places = np.array([light.position for light in lights])
     directions = normalize(places[target] + rng.normal(scale=0.3, size=(count, 3)) - origins)
-    ray, light = find_near_lights(make_light_tree(lights), origins, 7.0 * directions)
+    ray, light = find_near_lights(make_tree(lights), origins, 7.0 * directions)
     near = set(zip(ray.tolist(), light.tolist(), strict=True))
     met = 0
     for number, one in enumerate(lights):
