@@ -39,10 +39,10 @@ from raytracer.lights.environment import density_everywhere, evaluate_environmen
 from raytracer.lights.light_shapes import LightSamples
 from raytracer.media.mixtures import Lobes, evaluate_lobes, sample_lobes
 from raytracer.media.stack import Immersed, MediaStack
-from raytracer.media.tracking import Noise, start_noise
 from raytracer.sampling.dimensions import AFTER_MAP, AROUND, PHASE_DIRECTION, PHASE_LOBE, PHASE_ROULETTE
 from raytracer.sampling.direction_map import sample_map
 from raytracer.sampling.sampler import Sampler
+from raytracer.sampling.streams import Noise, start_noise
 from raytracer.sampling.warps import power_heuristic
 from raytracer.scene.fields import ALL_SETS, SEEN_BY
 from raytracer.scene.lights import SunLight

@@ -14,9 +14,9 @@ from raytracer.integrator.scattering import find_closed, find_finished
 from raytracer.integrator.scene_media import SceneMedia
 from raytracer.integrator.shadow_media import find_passing
 from raytracer.lecture import length
-from raytracer.media.tracking import Noise, draw, start_noise
 from raytracer.sampling.dimensions import NOISE
 from raytracer.sampling.sampler import Sampler
+from raytracer.sampling.streams import Noise, draw, start_noise
 
 # Streams of random numbers: of ways to lights that are seen; of what a point that is chosen for a light sees.
 SEEN, CHOSEN = 2**10, 2**11

@@ -36,7 +36,7 @@ from raytracer.lecture import dot
 from raytracer.lights.emitters import stop_before
 from raytracer.lights.lights import evaluate_light
 from raytracer.media.stack import Immersed
-from raytracer.media.tracking import Noise
+from raytracer.sampling.streams import Noise, hash_columns
 from raytracer.scene.fields import ALL_SETS, SEEN_BY
 from raytracer.scene.lights import Light
 from raytracer.shading.light_path import Depths
@@ -91,12 +91,8 @@ def add_linked_emission(integrator: Integrator, passes: PathPasses, paths: Paths
 
 
 def hash_rays(rays: Rays) -> Noise:
-    """Return streams of random numbers (k,) for rays whose directions are random themselves: the sums of their bits."""
-    parts = [np.ascontiguousarray(column).view(np.uint64) for column in (*rays.origins.T, *rays.directions.T)]
-    total = parts[0].copy()
-    for number, part in enumerate(parts[1:], start=1):
-        total = total * np.uint64(0x9E3779B97F4A7C15) + part * np.uint64(2 * number + 1)
-    return total
+    """Return streams of random numbers (k,) for rays whose directions are random themselves."""
+    return hash_columns(*rays.origins.T, *rays.directions.T)
 
 
 def pass_blockers(integrator: Integrator, paths: Paths, reach: Numbers, blockers: NDArray[np.int64]) -> Paths:

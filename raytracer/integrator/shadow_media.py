@@ -21,9 +21,10 @@ from raytracer.integrator.shadow_rays import CastShadows, ShadowRays, Shadows, V
 from raytracer.lecture import length
 from raytracer.media.distances import find_transmittance
 from raytracer.media.stack import Immersed
-from raytracer.media.tracking import Noise, Stretches, start_noise, track
+from raytracer.media.tracking import Stretches, track
 from raytracer.sampling.dimensions import NOISE
 from raytracer.sampling.sampler import Sampler
+from raytracer.sampling.streams import Noise, start_noise
 from raytracer.shading.materials import MaterialTable, find_transparency
 from raytracer.surfaces.surface import make_surface
 from raytracer.surfaces.surface_tables import SurfaceTables

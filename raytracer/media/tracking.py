@@ -23,38 +23,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from raytracer.arrays.rows import largest_column, mean_column
-from raytracer.arrays.types import Booleans, Colors, Floats, Indices, Integers, Numbers, Vectors
+from raytracer.arrays.types import Booleans, Colors, Indices, Integers, Numbers, Vectors
 from raytracer.media.majorants import Majorants, find_local
 from raytracer.media.mixtures import Mixture
+from raytracer.sampling.streams import Noise, draw
 
 # The sums of media (n, d) at points (n, 3).
 SumMedia = Callable[[Integers, Vectors], Mixture]
-Noise = NDArray[np.uint64]
 # A ray takes so many steps at most, from cell to cell or to a collision: an error of rounding must not hold it.
 MOST_STEPS = 1 << 14
 # What weighs less than this goes on by chance.
 LIGHT_WEIGHT = 0.05
 # Numbers of a step: how far, what happens, whether it goes on.
 NUMBERS_OF_STEP = 3
-
-
-def draw(noise: Noise, number: int) -> Floats:
-    """Return uniform numbers (n,) in [0, 1), the `number`-th of each stream: SplitMix64 of Steele, Lea and Flood."""
-    word = noise + np.uint64((number + 1) * 0x9E3779B97F4A7C15 % 2**64)
-    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    word ^= word >> np.uint64(31)
-    return (word >> np.uint64(11)) * 2.0**-53
-
-
-def start_noise(pair: Floats, number: int = 0) -> Noise:
-    """Return streams (n,) of random numbers that begin with uniform pairs (n, 2); another one for each number."""
-    words = (pair * 2.0**32).astype(np.uint64)
-    seed = (words[:, 0] << np.uint64(32)) | words[:, 1]
-    return (draw(seed, 2**20 + number) * 2.0**53).astype(np.uint64) << np.uint64(11)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

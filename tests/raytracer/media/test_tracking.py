@@ -9,7 +9,8 @@ import pytest
 
 from raytracer.media.majorants import SPARE, Majorants, find_local, make_majorants
 from raytracer.media.mixtures import Mixture, make_nothing
-from raytracer.media.tracking import Stretches, draw, start_noise, track
+from raytracer.media.tracking import Stretches, track
+from raytracer.sampling.streams import draw, start_noise
 
 BOX = np.array([[(-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)]])
 SHEARED = np.array([[(2.0, 0.5, 0.0, 1.0), (0.0, 1.0, 0.3, 0.0), (0.0, 0.0, 1.5, -2.0), (0.0, 0.0, 0.0, 1.0)]])
