@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.shading.nodes.strands import INTERCEPT, LENGTH, RANDOM
+from raytracer.shading.nodes.strands import AXIS, INTERCEPT, LENGTH, RANDOM
 from raytracer.textures.noise import LARGEST_WORD, hash_words
 
 from .attributes import UNNAMED, read_values
@@ -86,6 +86,8 @@ def extract_curves(data: Any, name: str, thick: bool, names: Iterable[str], warn
         found = None if attribute is None else read_values(attribute)
         if attribute is not None and found is not None:
             values[attribute.name] = attribute.domain, found.astype(np.float64)
+    if AXIS in names:
+        values[AXIS] = "POINT", np.nan_to_num(read_array(data.normals, "vector", np.float32, 3)).astype(np.float64)
     strands = replace(
         strands,
         attributes={each: found for each, (domain, found) in values.items() if domain == "POINT"},

@@ -21,15 +21,16 @@ from raytracer.arrays.rows import any_column, make_zeros, mean_column, shorten_r
 from raytracer.arrays.types import Booleans, Colors, Floats, Indices, Kinds, Numbers, Vectors
 from raytracer.arrays.vectors import to_world
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
-from raytracer.bsdfs.closures import Lobes, Shading, TiltedDiffuse
+from raytracer.bsdfs.closures import Lobes, Shading
 from raytracer.bsdfs.hair import HairLobes
 from raytracer.bsdfs.microfacet import Microfacets, evaluate_microfacets, sample_microfacets
 from raytracer.bsdfs.portals import Portals, join_portals
+from raytracer.bsdfs.terminator import evaluate_tilted, fall_faster
 from raytracer.lecture import dot
 from raytracer.sampling.warps import sample_cosine_hemisphere
 
-# The reciprocals of squared cosines stay finite, and so do their products.
-SMALLEST_SQUARE = 2.0**-500
+# No points.
+NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -138,17 +139,6 @@ def evaluate_diffuse(shading: Shading, incoming: Floats) -> Floats:
     return value
 
 
-def fall_faster(cosine: Floats, frequency: Floats) -> Floats:
-    """Return max(cos(f a), 0) / cos a (n,) for cosines of angles a; 0 at a right angle and beyond.
-
-    References
-    ----------
-    Cycles, closure/bsdf.h: shift_cos_in, after Appleseed.
-    """
-    shifted = np.maximum(np.cos(frequency * np.arccos(np.clip(cosine, -1.0, 1.0))), 0.0)
-    return np.divide(shifted, cosine, out=np.zeros_like(cosine), where=cosine > 0)
-
-
 def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats) -> Floats:
     """Return the density (n,) with which `sample_bsdf` takes `incoming` for one of the Lambertian parts.
 
@@ -182,34 +172,6 @@ def evaluate_bsdf(
     return value, density
 
 
-def evaluate_tilted(part: TiltedDiffuse, normal: Floats, incoming: Floats, fades: Booleans | None = None) -> Floats:
-    """Return f |cos| (m, 3) of Lambertian parts with normals b of their own, for light from `incoming` i (m, 3).
-
-    Light from behind the surface's own `normal` n (m, 3) is cut; before that it fades out as if the bumps were facets
-    that shadow each other: by 2 / (1 + sqrt(1 + a^2 tan^2(n, i))) with a^2 = tan^2(n, b) / 8, at most 1. A normal at a
-    right angle, as a Bevel node's may be, faces either side.
-
-    fades : (m,) bool, False where it arrives undimmed; None where it always fades
-
-    References
-    ----------
-    A. Conty Estevez, P. Lecocq, C. Stein, "A Microfacet-Based Shadowing Function to Solve the Bump Terminator
-    Problem", Ray Tracing Gems, 2019; Cycles' bump_shadowing_term since Blender 5.0 (before, another fading).
-    """
-    across, bend = dot(normal, incoming), dot(normal, part.normal)
-    roughness = np.minimum(_squared_tangent(bend) / 8.0, 1.0)
-    fading = 2.0 / (1.0 + np.sqrt(1.0 + roughness * _squared_tangent(across)))
-    if fades is not None:
-        fading = np.where(fades, fading, 1.0)
-    return part.evaluate(incoming) * np.where(across * bend >= 0, fading, 0.0)[:, np.newaxis]
-
-
-def _squared_tangent(cosine: Floats) -> Floats:
-    """tan^2 of angles, from their cosines (m,); a huge number at a right angle."""
-    square = np.clip(cosine * cosine, SMALLEST_SQUARE, 1.0)
-    return (1.0 - square) / square
-
-
 def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Microfacets:
     """Return the lobes that may send light from `incoming` (n, 3) back: perfect ones never, others to the side of the
     surface that they reflect or transmit to."""
@@ -232,18 +194,47 @@ def sample_bsdf(shading: Shading, probabilities: Floats, choice: Floats, pair: F
     if shading.portals:
         sample = enter_portals(sample, shading, straight, probabilities[straight, 0], rest[straight])
     spread = np.zeros(count, dtype=np.bool_)
+    walking = tuple(column for column, lobes in enumerate(shading.lobes, start=1) if walks(lobes))
     for column, lobes in enumerate(shading.lobes, start=1):
         lobes = lobes.select(lobe[lobes.hit] == column)
         if len(lobes):
             _sample_lobes(sample, spread, shading, lobes, probabilities[lobes.hit, column], rest, pair)
     if includes_diffuse(shading, probabilities):
         _sample_diffuse(sample, spread, shading, lobe, pair)
-    if spread.any():
+    if walking:
+        _weigh_walks(sample, spread, shading, probabilities, walking)
+    elif spread.any():
         value, density = evaluate_bsdf(shading, probabilities, sample.direction)
         found = np.flatnonzero(spread & (density > 0))
         sample.density[found] = density[found]
         sample.weight[found] = take_rows(value, found) / density[found, np.newaxis]
     return sample
+
+
+def walks(lobes: Lobes) -> bool:
+    """Return whether samples of lobes carry weights of their own."""
+    return isinstance(lobes, HairLobes) and lobes.walks
+
+
+def _weigh_walks(
+    sample: BsdfSample, spread: Booleans, shading: Shading, probabilities: Floats, walking: tuple[int, ...]
+) -> None:
+    """Fill in densities, and weights but of walks, where some lobes are sampled by walks alone.
+
+    A direction that another lobe has taken counts as what the others send there, over their own density; what a walk
+    has found counts by itself. Against light that is looked for, both have the density of all lobes together.
+    """
+    others = replace(shading, lobes=tuple(lobes.select(NONE) if walks(lobes) else lobes for lobes in shading.lobes))
+    value, own = evaluate_bsdf(others, probabilities, sample.direction)
+    density = own.copy()
+    for column in walking:
+        lobes = shading.lobes[column - 1]
+        assert isinstance(lobes, HairLobes)
+        density[lobes.hit] += probabilities[lobes.hit, column] * lobes.claim_density()
+    found = np.flatnonzero(spread & (own > 0))
+    sample.weight[found] = take_rows(value, found) / own[found, np.newaxis]
+    walked = ~spread & (sample.density == 0.0)
+    sample.density[found], sample.density[walked] = density[found], density[walked]
 
 
 def enter_portals(
@@ -286,6 +277,9 @@ def _sample_lobes(
     if isinstance(lobes, HairLobes):
         strands = lobes.sample(take_rows(shading.outgoing, rows), rest[rows], take_rows(pair, rows))
         sample.direction[rows], spread[rows], sample.kind[rows] = strands.direction, strands.valid, strands.kind
+        if strands.weight is not None:
+            sample.weight[rows], spread[rows] = strands.weight / probability[:, np.newaxis], False
+            sample.density[rows] = 0.0  # until that of all lobes is known
         return
     outgoing, normal = take_rows(shading.outgoing, rows), take_rows(shading.geometric_normal, rows)
     taken = sample_microfacets(lobes, outgoing, normal, rest[rows], take_rows(pair, rows))

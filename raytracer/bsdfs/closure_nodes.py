@@ -34,7 +34,7 @@ from raytracer.bsdfs.fresnel import (
     metal_slope,
     normal_reflectance,
 )
-from raytracer.bsdfs.hair_closures import add_hair, add_hair_reflection, add_hair_transmission
+from raytracer.bsdfs.hair_closures import add_hair, add_hair_reflection, add_hair_transmission, add_huang_hair
 from raytracer.bsdfs.lobes import Facets, make_lobes, read_film, read_grain, split_distributions, stretch_grain
 from raytracer.bsdfs.microfacet import Microfacets
 from raytracer.bsdfs.portals import Portals
@@ -179,6 +179,7 @@ SCATTERING: dict[str, Callable[[Closures, Points], Sequence[Lobes]]] = {
     "toon": _add_toon,
     "glossy_toon": _add_glossy_toon,
     "hair": add_hair,
+    "hair_huang": add_huang_hair,
     "hair_reflection": add_hair_reflection,
     "hair_transmission": add_hair_transmission,
     "portal": _add_portal,

@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,11 +49,13 @@ class HairSamples:
     direction : (m, 3) float64, unit
     valid : (m,) bool, False where the lobe sends nothing on
     kind : (m,) uint8, of the bounce
+    weight : (m, 3) float64, the light that is sent on, times the lobe's own, of lobes that walk; None of others
     """
 
     direction: Floats
     valid: Booleans
     kind: Kinds
+    weight: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,9 @@ class HairLobes(ABC):
     weight: Floats
     normal: Floats
     tangent: Floats
+
+    # Whether samples are ways of light with weights of their own, for want of a density.
+    walks: ClassVar[bool] = False
 
     def __len__(self) -> int:
         return len(self.hit)
@@ -125,6 +130,10 @@ class HairLobes(ABC):
     @abstractmethod
     def sample(self, outgoing: Floats, choice: Floats, pair: Floats) -> HairSamples:
         """Return a direction for each lobe; choice, pair : (m,), (m, 2) uniform numbers."""
+
+    def claim_density(self) -> Floats:
+        """Return the density (m,) that walks are taken to have, in any direction."""
+        return np.ones(len(self))
 
     @abstractmethod
     def blur(self, least: Floats) -> Self:

@@ -14,6 +14,7 @@ from raytracer.bsdfs.closures import Closures, Points
 from raytracer.bsdfs.hair import find_tangents
 from raytracer.bsdfs.hair_cauchy import CauchyHair, limit_width
 from raytracer.bsdfs.hair_chiang import ChiangHair, find_scale, find_variance
+from raytracer.bsdfs.hair_huang import HuangHair
 
 
 def add_hair(closures: Closures, points: Points) -> list[ChiangHair]:
@@ -33,6 +34,29 @@ def add_hair(closures: Closures, points: Points) -> list[ChiangHair]:
             scale=find_scale(closures.radial_roughness),
             tilt=closures.tilt,
             ior=closures.ior,
+        )
+    ]
+
+
+def add_huang_hair(closures: Closures, points: Points) -> list[HuangHair]:
+    """The Principled Hair BSDF by the model of Huang; alpha is 0 beside what is seen of an elliptic strand."""
+    normal = take_rows(points.shading.normal, points.rows)
+    return [
+        HuangHair(
+            hit=points.rows,
+            weight=repeat_column(closures.weight * closures.alpha),
+            normal=normal,
+            tangent=find_tangents(points.vectors["tangent"], normal),
+            absorption=closures.absorption,
+            gains=closures.gains,
+            axis=points.vectors.get("axis", np.zeros_like(normal)),
+            across=closures.across,
+            coverage=closures.coverage,
+            roughness=closures.roughness,
+            aspect=closures.aspect,
+            tilt=closures.tilt,
+            ior=closures.ior,
+            chance=closures.chance,
         )
     ]
 

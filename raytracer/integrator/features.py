@@ -137,7 +137,7 @@ def _is_buried(closure: Closure) -> bool:
 
 def lets_through(closure: Closure) -> bool:
     """True where light may go straight through this closure."""
-    see_through = closure.kind == "principled" and _may(closure, "alpha", lambda alpha: alpha < 1)
+    see_through = closure.kind in ("principled", "hair_huang") and _may(closure, "alpha", lambda alpha: alpha < 1)
     return _has_weight(closure) and (closure.kind == "transparent" or see_through)
 
 

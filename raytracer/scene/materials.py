@@ -24,8 +24,20 @@ from raytracer.scene.media import Volume, check_volume
 from raytracer.scene.programs import Aovs, Program, Register, check_aovs, check_program, check_register, make_value
 
 # The colors of a closure, its vectors, and the range of each of its numbers.
-CLOSURE_COLORS = ("color", "specular_tint", "emission", "coat_tint", "sheen_tint", "extinction", "radius", "absorption")
-CLOSURE_VECTORS = ("normal", "coat_normal", "tangent", "position", "direction")
+CLOSURE_COLORS = (
+    "color",
+    "specular_tint",
+    "emission",
+    "coat_tint",
+    "sheen_tint",
+    "extinction",
+    "radius",
+    "absorption",
+    "gains",
+)
+CLOSURE_VECTORS = ("normal", "coat_normal", "tangent", "position", "direction", "axis")
+# Flatter hair than this is a sheet, which is met nowhere from its edge.
+SMALLEST_ASPECT = 1e-3
 CLOSURE_RANGES = {
     "weight": (0.0, np.inf),
     "ior": (float(np.nextafter(0.0, 1.0)), np.inf),
@@ -46,9 +58,12 @@ CLOSURE_RANGES = {
     "radial_roughness": (0.0, 1.0),
     "tilt": (-np.pi / 2.0, np.pi / 2.0),
     "across": (-1.0, 1.0),
+    "coverage": (0.0, np.inf),
+    "aspect": (SMALLEST_ASPECT, 1.0),
+    "chance": (0.0, 1.0),
 }
 # These need a tangent.
-HAIR_KINDS = ("hair", "hair_reflection", "hair_transmission")
+HAIR_KINDS = ("hair", "hair_huang", "hair_reflection", "hair_transmission")
 CLOSURE_KINDS = (
     *("principled", "diffuse", "glossy", "glass", "refraction", "transparent", "emission"),
     *("metal", "conductor", "translucent", "sheen", "velvet", "toon", "glossy_toon", "holdout", "subsurface"),
@@ -88,8 +103,13 @@ class Closure:
     absorption : of light by hair, per radius of the strand
     radial_roughness, tilt : of hair, around the strand; by which angle its scales, or the cone of light, lean, radians
     across : where hair is met across its width, from -1 to 1: the sine of the angle around it to its nearest side
+    coverage : half the width of a pixel on hair, in its radii; 1 and more sees no part of it by itself
+    aspect : of the cross section of hair, its shorter axis over the longer one
+    gains : of hair's three reflections, R, TT and TRT
+    chance : a uniform number, from which others are made where hair scatters light
     normal, coat_normal : world space, any length, on the side that the ray comes from; None = the surface's
     tangent : world space, any length; None stretches nothing; of hair along the strand, from root to tip
+    axis : world space, the longer one of hair's cross section; None turns it to the viewer, as 0 does
     position, direction : world space, where rays come out of a portal, and where they go, any length; None is where
         they enter it, and straight on; so is a direction of 0
     The remaining fields are those of Blender's Principled BSDF node.
@@ -134,12 +154,17 @@ class Closure:
     radial_roughness: Any = 0.3
     tilt: Any = 0.0
     across: Any = 0.0
+    coverage: Any = 1.0
+    aspect: Any = 1.0
+    gains: Any = 1.0
+    chance: Any = 0.5
     distribution: str = "ggx"
     normal: Any = None
     coat_normal: Any = None
     tangent: Any = None
     position: Any = None
     direction: Any = None
+    axis: Any = None
 
     def __post_init__(self) -> None:
         label = f"Closure {self.kind!r}"

@@ -24,7 +24,10 @@ from raytracer.surfaces.surface import Surface
 
 # What each kind of closure shines with and lets through depends on; `materials` sums it.
 RADIANCE_FIELDS = {"principled": ("weight", "alpha", "emission"), "emission": ("weight", "color")}
-TRANSPARENCY_FIELDS = {"principled": ("weight", "alpha"), "transparent": ("weight", "color")}
+TRANSPARENCY_FIELDS = {
+    **dict.fromkeys(("principled", "hair_huang"), ("weight", "alpha")),
+    "transparent": ("weight", "color"),
+}
 
 Slot = tuple[int, str]
 Columns = dict[Slot, Floats]

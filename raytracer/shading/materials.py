@@ -114,7 +114,7 @@ def _radiance_of(kind: str, closures: Closures) -> Floats:
 def _transparency_of(kind: str, closures: Closures) -> Floats:
     """(k, 3) the share of light that closures of one kind let straight through."""
     weight = closures.weight[:, np.newaxis]
-    if kind == "principled":
+    if kind in ("principled", "hair_huang"):
         return repeat_column(closures.weight * (1.0 - closures.alpha))
     return weight * closures.color if kind == "transparent" else np.zeros_like(closures.color)
 
@@ -239,7 +239,7 @@ def _own_vectors(columns: Columns, slot: int, rows: Any, shading: Shading) -> di
             vectors[name] = take_rows(column, rows)
             continue
         own = normalize(np.nan_to_num(column[rows]))
-        if name in ("tangent", "direction"):
+        if name in ("tangent", "direction", "axis"):
             vectors[name] = own
         else:
             vectors[name] = np.where(own.any(axis=1)[:, np.newaxis], own, shading.normal[rows])

@@ -109,6 +109,11 @@ FEATURES = {
         {},
         ("hair_chiang.py", "describe_lobes"),
     ),
+    "hair by facets": (
+        lambda: make_scene(raytracer.Closure("hair_huang", absorption=0.5, tangent=(1.0, 0.0, 0.0))),
+        {},
+        ("hair_ways.py", "follow_light"),
+    ),
     "emission": (
         lambda: make_scene(raytracer.Closure("emission", color=0.5)),
         {},

@@ -11,30 +11,57 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.scene.programs import Value
+from raytracer.scene.programs import Register, Value
 
 from .node_inputs import LARGEST_IOR, SMALLEST_IOR, NodeInputs
+from .programs import ProgramBuilder
 
 
 def read_principled_hair(inputs: NodeInputs) -> dict[str, Any]:
     """Read the Principled Hair BSDF; as in Cycles, one random number of the strand varies roughness and melanin."""
     node, builder = inputs.node, inputs.builder
-    if node.model != "CHIANG":
-        inputs.place.warn(f"node '{node.name}': model {node.model.title()} is not supported, Chiang is used")
     factor = vary(inputs, "Random Roughness")
-    roughness = builder.multiply(factor, inputs.number("Roughness"))
-    radial = builder.multiply(factor, inputs.number("Radial Roughness"))
-    return {
-        "kind": "hair",
+    roughness = radial = builder.multiply(factor, inputs.number("Roughness"))
+    if node.model == "CHIANG":
+        radial = builder.multiply(factor, inputs.number("Radial Roughness"))
+    fields = {
         "absorption": read_absorption(inputs, radial),
         "roughness": builder.limit(roughness, 0.0, 1.0),
-        "radial_roughness": builder.limit(radial, 0.0, 1.0),
-        "coat_weight": inputs.number("Coat", high=1.0),
         "ior": inputs.limited("IOR", SMALLEST_IOR, LARGEST_IOR),
         "tilt": inputs.limited("Offset", -np.pi / 2.0, np.pi / 2.0),
         "across": builder.add("STRAND Across", ())["Across"],
         "tangent": builder.add("STRAND Along", ())["Along"],
     }
+    if node.model != "CHIANG":
+        return fields | read_huang(inputs, fields["across"])
+    radial = builder.limit(radial, 0.0, 1.0)
+    return {"kind": "hair", "radial_roughness": radial, "coat_weight": inputs.number("Coat", high=1.0), **fields}
+
+
+def read_huang(inputs: NodeInputs, across: Value) -> dict[str, Any]:
+    """Read what Huang's model has of its own; a strand that is not round is clear beside what is seen of it."""
+    builder = inputs.builder
+    gains = tuple(inputs.number(f"{name} lobe") for name in ("R", "TT", "TRT"))
+    fields = {
+        "kind": "hair_huang",
+        "gains": join_gains(gains, builder),
+        "coverage": builder.add("STRAND Coverage", ())["Coverage"],
+        "chance": builder.add("STRAND Chance", ())["Chance"],
+    }
+    aspect = inputs.number("Aspect Ratio")
+    if not isinstance(aspect, Register) and aspect == 1.0:
+        return fields
+    aspect = builder.add("STRAND Aspect", (aspect,))["Aspect"]
+    axis = builder.add("STRAND Axis", ())["Axis"]
+    inside = builder.add("STRAND Inside", (axis, aspect, across))["Inside"]
+    return {**fields, "aspect": aspect, "axis": axis, "alpha": inside}
+
+
+def join_gains(gains: tuple[Value, ...], builder: ProgramBuilder) -> Value:
+    """Return what the reflections R, TT and TRT are multiplied by, as one triple."""
+    if any(isinstance(gain, Register) for gain in gains):
+        return builder.add("COMBXYZ", gains)["Vector"]
+    return np.array(gains)
 
 
 def read_absorption(inputs: NodeInputs, radial: Value) -> Value:

@@ -14,14 +14,19 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.arrays.rows import join_columns
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.hair import absorb_by_color, absorb_by_melanin, make_strand_frame
+from raytracer.bsdfs.hair_ellipse import measure_radius
 from raytracer.lecture import cross, dot
+from raytracer.sampling.streams import draw, hash_columns
+from raytracer.scene.materials import SMALLEST_ASPECT
 from raytracer.shading.nodes.operation import Array, Operation
 from raytracer.shading.site import Site
 
-# The attributes of strands that nodes read: how far up, from 0 to 1, of points; the others of strands.
-INTERCEPT, LENGTH, RANDOM = "strand intercept", "strand length", "strand random"
+# The attributes of strands that nodes read: of points how far up they are, from 0 to 1, and the longer axis of their
+# cross section, in object space; the others of strands.
+INTERCEPT, AXIS, LENGTH, RANDOM = "strand intercept", "strand axis", "strand length", "strand random"
 
 
 def find_across(site: Site) -> Array:
@@ -64,6 +69,48 @@ def vary(amount: Any, random: Any) -> Array:
     return 1.0 + 2.0 * (np.asarray(random) - 0.5) * amount
 
 
+def find_axis(site: Site) -> Array:
+    """The longer axis of the cross section of strands, across them, unit: as Blender turns them, or where it says
+    nothing one that only the strand decides on, as in Cycles (util/math_float3.h: make_orthonormals); 0 elsewhere."""
+    tangent = normalize(site.find_edges()[0])
+    axis = site.to_world(site.read_attribute(AXIS)[:, :3], "OBJECT", "VECTOR")
+    axis = normalize(axis - dot(axis, tangent)[:, np.newaxis] * tangent)
+    x, y, z = tangent.T
+    even = (x == y) & (x == z)
+    third = normalize(join_columns(z - y, np.where(even, x + z, x - z), np.where(even, -y - x, y - x)))
+    axis = np.where(axis.any(axis=1)[:, np.newaxis], axis, cross(tangent, third))
+    return np.where(site.is_strand[:, np.newaxis], axis, 0.0)
+
+
+def find_aspect(aspect: Any) -> Array:
+    """The shorter axis of a cross section over the longer one; as in Cycles it does not matter which is which."""
+    aspect = np.maximum(np.asarray(aspect, dtype=np.float64), SMALLEST_ASPECT)
+    return np.minimum(aspect, 1.0 / aspect)
+
+
+def find_inside(site: Site, axis: Any, aspect: Any, across: Any) -> Array:
+    """1 where a strand is met within the width that its cross section is seen with, else 0."""
+    across_strand = site.outgoing - project(site.outgoing, normalize(site.find_edges()[0]))
+    sine = np.clip(dot(normalize(across_strand), np.broadcast_to(axis, across_strand.shape)), -1.0, 1.0)
+    return (np.abs(across) < measure_radius(np.arcsin(sine), np.asarray(aspect))).astype(np.float64)
+
+
+def project(vectors: Array, onto: Array) -> Array:
+    """The parts (n, 3) of vectors that lie along unit vectors, both (n, 3)."""
+    return dot(vectors, onto)[:, np.newaxis] * onto
+
+
+def measure_coverage(site: Site) -> Array:
+    """Half the width of a pixel, in radii of the strand; 1, far away, where the camera does not see it by itself."""
+    radius, seen = site.find_radius(), site.read_path("camera") > 0
+    return np.divide(site.footprint / 2.0, radius, out=np.ones_like(radius), where=seen & (radius > 0))
+
+
+def draw_chance(site: Site) -> Array:
+    """A uniform number that no two places share."""
+    return draw(hash_columns(*site.position.T), 0)
+
+
 OPERATIONS = {
     "HAIR_INFO Is Strand": Operation(
         lambda site: site.is_strand.astype(np.float64), (), ("Is Strand",), reads_site=True
@@ -76,6 +123,11 @@ OPERATIONS = {
     "STRAND Along": Operation(lambda site: site.find_edges()[0], (), ("Along",), reads_site=True),
     "STRAND Aside": Operation(lambda site: site.find_edges()[1], (), ("Aside",), reads_site=True),
     "STRAND Across": Operation(find_across, (), ("Across",), reads_site=True),
+    "STRAND Axis": Operation(find_axis, (), ("Axis",), reads_site=True, attributes=lambda settings: (AXIS,)),
+    "STRAND Aspect": Operation(find_aspect, ("Aspect",), ("Aspect",)),
+    "STRAND Inside": Operation(find_inside, ("Axis", "Aspect", "Across"), ("Inside",), reads_site=True),
+    "STRAND Coverage": Operation(measure_coverage, (), ("Coverage",), reads_site=True),
+    "STRAND Chance": Operation(draw_chance, (), ("Chance",), reads_site=True),
     "STRAND Random": Operation(
         read_random, ("Random",), ("Random",), reads_site=True, attributes=lambda settings: (RANDOM,)
     ),

@@ -34,11 +34,17 @@ pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 # Pixels of the small picture that may differ with round strands; all tiles' light may by this share, beyond noise.
 ROUND_BAR, BIAS_BAR = 2 / (SMALL_SIZE[0] * SMALL_SIZE[1]), 0.005
 BROWN = (0.5, 0.25, 0.12, 1.0)
+# Of the node's own: what is reflected more than twice inside, which Cycles finds too much of, hardly counts.
+DARK = (0.0175, 0.0058, 0.0021, 1.0)
 
 
 def principled(**settings: Any) -> furnace.Make:
     smooth = {"Roughness": 0.4, "Radial_Roughness": 0.4}
     return node("HairPrincipled", "Roughness", "Color", **{**smooth, **settings})
+
+
+def huang(**settings: Any) -> furnace.Make:
+    return node("HairPrincipled", "Roughness", "Color", **{"model": "HUANG", "Color": DARK, **settings})
 
 
 SHADERS = {
@@ -50,8 +56,12 @@ SHADERS = {
     "reflection": node("Hair", "RoughnessU", RoughnessU=0.3, RoughnessV=0.4, Offset=0.2),
     "transmission": node("Hair", "RoughnessU", RoughnessU=0.3, RoughnessV=0.5, component="Transmission"),
     "diffuse": node("Diffuse"),
+    "huang": huang(),
+    "huang round": huang(Aspect_Ratio=1.0),
+    "huang rough": huang(Aspect_Ratio=1.0, Roughness=0.6, IOR=1.4, Offset=0.0),
+    "huang lobes": huang(Aspect_Ratio=1.0, Offset=0.0, R_lobe=0.3, TT_lobe=0.7, TRT_lobe=2.0),
 }
-QUICK = ("melanin", "reflection", "transmission")
+QUICK = ("melanin", "reflection", "transmission", "huang")
 
 
 def assert_within_bars(scene: Any, samples: int, max_bounces: int = 0, pixels: float = MITSUBA_BAR) -> None:
@@ -121,6 +131,16 @@ def test_hair_that_hair_shines_on_agrees() -> None:
     building.set_world((0.5, 0.6, 0.8), 1.0)
     add_strands(furnace.make_material(principled(Color=(0.8, 0.7, 0.6, 1.0), Roughness=0.5, Radial_Roughness=0.5)))
     assert_within_bars(scene, samples=32, max_bounces=3)
+
+
+@pytest.mark.parametrize("width", [0.06, 0.4])
+def test_huangs_hair_under_a_world_agrees(width: float) -> None:
+    """Bright round strands, whose light rays find: thinner than a pixel, and so wide that each pixel sees a part."""
+    scene = make_stage()
+    choose_shape(scene, "RIBBONS")
+    building.set_world((0.5, 0.6, 0.8), 1.0)
+    add_strands(furnace.make_material(huang(Color=BROWN, Aspect_Ratio=1.0)), 40 if width < 0.1 else 6, width)
+    assert_within_bars(scene, samples=16, max_bounces=2)
 
 
 @pytest.mark.parametrize("output", ["Is Strand", "Intercept", "Length", "Thickness", "Tangent Normal", "Random"])

@@ -7,7 +7,7 @@ import pytest
 
 import raytracer.bsdfs.sheen_table as sheen_table
 from raytracer.bsdfs import principled
-from raytracer.bsdfs.bsdf import evaluate_tilted, lobe_probabilities, sample_bsdf
+from raytracer.bsdfs.bsdf import lobe_probabilities, sample_bsdf
 from raytracer.bsdfs.closures import Closures, TiltedDiffuse
 from raytracer.bsdfs.diffuse import Toon, Velvet, make_rough_matte, make_sheen
 from raytracer.bsdfs.distributions import (
@@ -20,6 +20,7 @@ from raytracer.bsdfs.distributions import (
 from raytracer.bsdfs.fresnel import conductor_reflectance, metal_mean, metal_slope
 from raytracer.bsdfs.lobes import Grain, stretch_grain
 from raytracer.bsdfs.microfacet import evaluate_microfacets, sample_microfacets
+from raytracer.bsdfs.terminator import evaluate_tilted
 from raytracer.scene.materials import DISTRIBUTIONS, Closure
 from tests.raytracer.bsdfs.test_bsdf import integrate_lobes, shade, sphere_quadrature, view
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.bsdfs.bsdf import fall_faster
+from raytracer.bsdfs.terminator import fall_faster
 from raytracer.casting.rays import make_rays
 from raytracer.integrator.integrator import find_lift
 from raytracer.integrator.loop import trace

@@ -69,7 +69,22 @@ def test_hair_follows_strands_or_its_own_tangent(tree: Any) -> None:
     assert extract_closure().tilt == pytest.approx(0.2)
 
 
-def test_huang_becomes_chiang_and_is_named(tree: Any) -> None:
-    add_hair(tree, model="HUANG")
-    assert extract_closure().kind == "hair"
-    assert ["model Huang is not supported, Chiang is used" in text for text in texts()] == [True]
+def test_huang_is_read_with_its_lobes_and_is_as_rough_around(tree: Any) -> None:
+    gains = {"Reflection": 0.5, "Transmission": 2.0, "Secondary_Reflection": 0.0}
+    add_hair(tree, model="HUANG", Roughness=0.4, Aspect_Ratio=1.0, Color=(0.5, 0.2, 0.1, 1.0), **gains)
+    closure = extract_closure()
+    assert closure.kind == "hair_huang"
+    assert_allclose(closure.gains, [0.5, 2.0, 0.0])
+    assert closure.roughness == pytest.approx(0.4)
+    assert (closure.aspect, closure.axis, closure.alpha) == (1.0, None, 1.0), "round strands have no axis"
+    assert_allclose(closure.absorption, absorb_by_color(np.array([0.5, 0.2, 0.1]), np.float32(0.4)), rtol=1e-6)
+    assert not texts()
+
+
+def test_elliptic_strands_have_an_axis_and_end_before_their_width(tree: Any) -> None:
+    node = add_hair(tree, model="HUANG", Aspect_Ratio=0.5)
+    closure = extract_closure()
+    assert closure.aspect == 0.5
+    assert [isinstance(value, Register) for value in (closure.axis, closure.alpha)] == [True, True]
+    tree.links.new(tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"], node.inputs["Reflection"])
+    assert isinstance(extract_closure().gains, Register)
