@@ -65,6 +65,29 @@ def take_rows(values: NDArray[Any], rows: Any) -> NDArray[Any]:
     return values.take(rows, axis=0)
 
 
+def put_rows(target: NDArray[Any], rows: Indices | slice, values: NDArray[Any] | float) -> None:
+    """Do `target[rows] = values` for a target (n, k), column by column; values : (m, k), or one number for all."""
+    for number, column in enumerate(target.T):
+        column[rows] = values[:, number] if isinstance(values, np.ndarray) else values
+
+
+def add_rows(target: NDArray[Any], rows: Indices | slice, values: NDArray[Any]) -> None:
+    """Do `target[rows] += values` for a target (n, k), column by column; values : (m, k)."""
+    for column, added in zip(target.T, values.T, strict=True):
+        column[rows] += added
+
+
+def pick_columns(values: NDArray[Any], columns: Indices) -> NDArray[Any]:
+    """Return (n,) of each row of (n, k) the value in its column (n,); -1 is the last, as anywhere."""
+    place = columns * len(values) + np.arange(len(values))
+    return values.T.ravel().take(place, mode="wrap")
+
+
+def find_sign(mask: Booleans) -> Floats:
+    """Return 1 where a mask (n,) is True, and -1 elsewhere."""
+    return 2.0 * mask - 1.0
+
+
 def any_column(mask: Booleans) -> Booleans:
     """Return (n,) True where any of a few columns of (n, k) is."""
     found = mask[:, 0].copy()

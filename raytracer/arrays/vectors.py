@@ -21,11 +21,13 @@ def normalize(vectors: Floats) -> Floats:
     neither tiny nor huge vectors under- or overflow."""
     rows = vectors.reshape(-1, vectors.shape[-1])
     scale = largest_column(np.abs(rows))
-    odd = np.flatnonzero(~(scale > 0))
-    scale[odd] = 1.0
+    usual = scale > 0
+    if not usual.all():
+        scale[~usual] = 1.0
     unit = rows / scale[:, np.newaxis]
     size = length(unit)
-    size[odd] = 1.0
+    if not usual.all():
+        size[~usual] = 1.0
     unit /= size[:, np.newaxis]
     return unit.reshape(vectors.shape)
 

@@ -17,7 +17,18 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, make_zeros, mean_column, shorten_rows, sum_columns, take_rows
+from raytracer.arrays.rows import (
+    add_rows,
+    any_column,
+    join_columns,
+    make_zeros,
+    mean_column,
+    pick_columns,
+    put_rows,
+    shorten_rows,
+    sum_columns,
+    take_rows,
+)
 from raytracer.arrays.types import Booleans, Colors, Floats, Indices, Kinds, Numbers, Vectors
 from raytracer.arrays.vectors import to_world
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
@@ -79,12 +90,12 @@ def lobe_shares(shading: Shading, with_diffuse: bool = False, through_only: bool
     shares = make_zeros(len(shading), count + (1 + len(shading.tilted) if with_diffuse else 0))
     shares[:, 0] = mean_column(shading.passage)
     for column, lobes in enumerate(shading.lobes, start=1):
-        shares[lobes.hit, column] = mean_column(lobes.weight) * lobes.albedo
+        shares[:, column][lobes.hit] = mean_column(lobes.weight) * lobes.albedo
     if with_diffuse:
         shares[:, count] = 0.0 if through_only else mean_column(shading.diffuse)
         for column, part in enumerate(shading.tilted, start=count + 1):
             if part.transmits or not through_only:
-                shares[part.hit, column] = mean_column(part.albedo)
+                shares[:, column][part.hit] = mean_column(part.albedo)
     return shares
 
 
@@ -105,13 +116,15 @@ def evaluate_lobes(
     for column, lobes in enumerate(shading.lobes, start=1):
         if isinstance(lobes, Microfacets):
             lobes = _select_facing(shading, lobes, incoming)
+        if not len(lobes):
+            continue
         rows = shorten_rows(lobes.hit, len(shading))
         value, lobe_density = _evaluate(shading, lobes, incoming, rows)
         if part is not None:
             reflects = dot(lobes.normal, take_rows(incoming, rows)) > 0
             value = value * (reflects & (part == "glossy"))[:, np.newaxis]
-        specular[rows] += value
-        density[rows] += probabilities[rows, column] * lobe_density
+        add_rows(specular, rows, value)
+        density[rows] += probabilities[:, column][rows] * lobe_density
     return specular, density
 
 
@@ -132,10 +145,11 @@ def evaluate_diffuse(shading: Shading, incoming: Floats) -> Floats:
         value *= fall_faster(dot(shading.normal, incoming), shading.frequency)[:, np.newaxis]
     for part in shading.tilted:
         fades = None if shading.fades_bumps is None else shading.fades_bumps[part.hit]
-        light = evaluate_tilted(part, shading.normal[part.hit], incoming[part.hit], fades)
+        arriving = take_rows(incoming, part.hit)
+        light = evaluate_tilted(part, take_rows(shading.normal, part.hit), arriving, fades)
         if shading.frequency is not None:
-            light *= fall_faster(dot(part.normal, incoming[part.hit]), shading.frequency[part.hit])[:, np.newaxis]
-        value[part.hit] += light
+            light *= fall_faster(dot(part.normal, arriving), shading.frequency[part.hit])[:, np.newaxis]
+        add_rows(value, part.hit, light)
     return value
 
 
@@ -148,8 +162,9 @@ def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats) -
     above = dot(shading.geometric_normal, incoming) > 0
     density = np.where(above, probabilities[:, first] * np.maximum(dot(shading.normal, incoming), 0.0), 0.0)
     for column, part in enumerate(shading.tilted, start=first + 1):
-        cosine = np.maximum(dot(part.normal, incoming[part.hit]), 0.0)
-        density[part.hit] += np.where(above[part.hit] != part.transmits, probabilities[part.hit, column] * cosine, 0.0)
+        cosine = np.maximum(dot(part.normal, take_rows(incoming, part.hit)), 0.0)
+        chance = probabilities[:, column][part.hit]
+        density[part.hit] += np.where(above[part.hit] != part.transmits, chance * cosine, 0.0)
     return density / np.pi
 
 
@@ -176,7 +191,7 @@ def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Mi
     """Return the lobes that may send light from `incoming` (n, 3) back: perfect ones never, others to the side of the
     surface that they reflect or transmit to."""
     above = dot(lobes.normal, take_rows(incoming, shorten_rows(lobes.hit, len(shading)))) > 0
-    facing = ~lobes.is_perfect & np.where(above, any_column(lobes.reflection > 0), any_column(lobes.transmission > 0))
+    facing = ~lobes.is_perfect & np.where(above, lobes.reflects, lobes.transmits)
     return lobes if facing.all() else lobes.select(np.flatnonzero(facing))
 
 
@@ -190,15 +205,16 @@ def sample_bsdf(shading: Shading, probabilities: Floats, choice: Floats, pair: F
     lobe, rest = _choose_lobe(probabilities, choice)
     sample = BsdfSample(-shading.outgoing, make_zeros(count), np.full(count, np.inf), np.zeros(count, dtype=np.uint8))
     straight = np.flatnonzero(lobe == 0)
-    sample.weight[straight] = take_rows(shading.transparency, straight) / probabilities[straight, 0:1]
+    passing = probabilities[:, 0][straight]
+    put_rows(sample.weight, straight, take_rows(shading.transparency, straight) / passing[:, np.newaxis])
     if shading.portals:
-        sample = enter_portals(sample, shading, straight, probabilities[straight, 0], rest[straight])
+        sample = enter_portals(sample, shading, straight, passing, rest[straight])
     spread = np.zeros(count, dtype=np.bool_)
     walking = tuple(column for column, lobes in enumerate(shading.lobes, start=1) if walks(lobes))
     for column, lobes in enumerate(shading.lobes, start=1):
         lobes = lobes.select(lobe[lobes.hit] == column)
         if len(lobes):
-            _sample_lobes(sample, spread, shading, lobes, probabilities[lobes.hit, column], rest, pair)
+            _sample_lobes(sample, spread, shading, lobes, probabilities[:, column][lobes.hit], rest, pair)
     if includes_diffuse(shading, probabilities):
         _sample_diffuse(sample, spread, shading, lobe, pair)
     if walking:
@@ -207,7 +223,7 @@ def sample_bsdf(shading: Shading, probabilities: Floats, choice: Floats, pair: F
         value, density = evaluate_bsdf(shading, probabilities, sample.direction)
         found = np.flatnonzero(spread & (density > 0))
         sample.density[found] = density[found]
-        sample.weight[found] = take_rows(value, found) / density[found, np.newaxis]
+        put_rows(sample.weight, found, take_rows(value, found) / density[found, np.newaxis])
     return sample
 
 
@@ -276,16 +292,20 @@ def _sample_lobes(
     rows = lobes.hit
     if isinstance(lobes, HairLobes):
         strands = lobes.sample(take_rows(shading.outgoing, rows), rest[rows], take_rows(pair, rows))
-        sample.direction[rows], spread[rows], sample.kind[rows] = strands.direction, strands.valid, strands.kind
+        put_rows(sample.direction, rows, strands.direction)
+        spread[rows], sample.kind[rows] = strands.valid, strands.kind
         if strands.weight is not None:
-            sample.weight[rows], spread[rows] = strands.weight / probability[:, np.newaxis], False
+            put_rows(sample.weight, rows, strands.weight / probability[:, np.newaxis])
+            spread[rows] = False
             sample.density[rows] = 0.0  # until that of all lobes is known
         return
     outgoing, normal = take_rows(shading.outgoing, rows), take_rows(shading.geometric_normal, rows)
     taken = sample_microfacets(lobes, outgoing, normal, rest[rows], take_rows(pair, rows))
-    sample.direction[rows] = taken.direction
+    put_rows(sample.direction, rows, taken.direction)
     perfect = taken.valid & taken.perfect
-    sample.weight[rows] = np.where(perfect[:, np.newaxis], taken.weight / probability[:, np.newaxis], 0.0)
+    if perfect.any():
+        alone = np.where(perfect[:, np.newaxis], taken.weight / probability[:, np.newaxis], 0.0)
+        put_rows(sample.weight, rows, alone)
     spread[rows] = taken.valid & ~taken.perfect
     transmitted = np.where(dot(lobes.normal, taken.direction) < 0, TRANSMITTED, 0)
     sample.kind[rows] = GLOSSY | np.where(taken.perfect, SINGULAR, 0) | transmitted
@@ -301,10 +321,11 @@ def _sample_diffuse(
         normal = normal.copy("K")
         for column, part in enumerate(shading.tilted, start=first + 1):
             taken = lobe[part.hit] == column
-            normal[part.hit[taken]] = part.normal[taken]
+            put_rows(normal, part.hit[taken], take_rows(part.normal, taken))
             sample.kind[part.hit[taken]] = DIFFUSE | TRANSMITTED if part.transmits else DIFFUSE
     rows = np.flatnonzero(lobe >= first)
-    sample.direction[rows] = to_world(sample_cosine_hemisphere(take_rows(pair, rows)), take_rows(normal, rows))
+    around = to_world(sample_cosine_hemisphere(take_rows(pair, rows)), take_rows(normal, rows))
+    put_rows(sample.direction, rows, around)
     sample.kind[rows] |= DIFFUSE
     spread[rows] = True
 
@@ -320,8 +341,7 @@ def _choose_lobe(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.intp
     for column in upper:
         lobe += at >= column
     lobe[upper[-1] == 0] = -1
-    rows = np.arange(len(choice))
-    width = probabilities[rows, lobe]
-    lower = np.stack(upper)[lobe, rows] - width
+    width = pick_columns(probabilities, lobe)
+    lower = pick_columns(join_columns(*upper), lobe) - width
     rest = np.divide(at - lower, width, out=np.zeros_like(choice), where=width > 0)
     return lobe, np.clip(rest, 0.0, np.nextafter(1.0, 0.0))

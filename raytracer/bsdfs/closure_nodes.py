@@ -92,10 +92,10 @@ def _add_glossy(closures: Closures, points: Points) -> list[Microfacets]:
     """Facets that reflect the color whatever the angle."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
-        white = np.ones_like(some.color)
-        facets = Facets(CONSTANT, white, 0.0 * white, white, 0.0 * white)
+        color, ones = some.color, np.ones(len(some))
         grain = stretch_grain(read_grain(some, beckmann), some, where, glossy=True)
-        lobes.append(make_lobes(some, where, _colors(some), white[:, 0], facets, grain, mean_color=some.color))
+        facets = Facets(CONSTANT, repeat_column(ones))
+        lobes.append(make_lobes(some, where, _colors(some), ones, facets, grain, mean_color=color))
     return lobes
 
 
@@ -123,11 +123,10 @@ def _add_conductor(closures: Closures, points: Points) -> list[Microfacets]:
 def _reflect_metal(
     closures: Closures, points: Points, beckmann: bool, fresnel: int, f0: Floats, f82: Floats, mean: Floats
 ) -> Microfacets:
-    white = np.ones_like(f0)
-    weight = repeat_column(closures.weight)
     grain = stretch_grain(read_grain(closures, beckmann), closures, points)
-    facets = Facets(fresnel, f0, f82, white, 0.0 * white, read_film(closures))
-    return make_lobes(closures, points, weight, white[:, 0], facets, grain, mean_color=mean)
+    facets = Facets(fresnel, f0, f82, film=read_film(closures))
+    weight, ones = repeat_column(closures.weight), np.ones(len(closures))
+    return make_lobes(closures, points, weight, ones, facets, grain, mean_color=mean)
 
 
 def _add_glass(closures: Closures, points: Points) -> list[Microfacets]:
@@ -136,9 +135,10 @@ def _add_glass(closures: Closures, points: Points) -> list[Microfacets]:
     for some, where, beckmann in split_distributions(closures, points):
         f0 = repeat_column(normal_reflectance(some.ior))
         film = read_film(some, where.find_outside_ior(some.ior))
-        facets = Facets(DIELECTRIC, f0, 0.0 * f0, some.color, some.color, film)
+        color = some.color
+        facets = Facets(DIELECTRIC, f0, reflection=color, transmission=color, film=film)
         weight, eta = repeat_column(some.weight), where.relative_ior(some.ior)
-        lobes.append(make_lobes(some, where, weight, eta, facets, read_grain(some, beckmann), mean_color=some.color))
+        lobes.append(make_lobes(some, where, weight, eta, facets, read_grain(some, beckmann), mean_color=color))
     return lobes
 
 
@@ -146,8 +146,8 @@ def _add_refraction(closures: Closures, points: Points) -> list[Microfacets]:
     """Refraction of all the light, but for total reflection, without compensation for further bounces, as in Cycles."""
     lobes = []
     for some, where, beckmann in split_distributions(closures, points):
-        white = np.ones_like(some.color)
-        facets = Facets(CONSTANT, white, 0.0 * white, 0.0 * white, white)
+        white = repeat_column(np.ones(len(some)))
+        facets = Facets(CONSTANT, white, reflection=0.0 * white, transmission=white)
         eta = where.relative_ior(some.ior)
         lobes.append(make_lobes(some, where, _colors(some), eta, facets, read_grain(some, beckmann), mean_color=None))
     return lobes

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, lay_columns, mean_column, shorten_rows, take_rows
+from raytracer.arrays.rows import add_rows, any_column, lay_columns, mean_column, shorten_rows, take_rows
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.diffuse import DiffuseShape
@@ -247,7 +247,7 @@ class Points:
     def add_diffuse(self, albedo: Floats) -> None:
         """Add Lambertian parts of albedo (k, 3)."""
         if "normal" not in self.vectors:
-            self.shading.diffuse[self._places] += albedo
+            add_rows(self.shading.diffuse, self._places, albedo)
         else:
             self.add_part(self.normal, albedo)
 

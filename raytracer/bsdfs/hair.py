@@ -24,7 +24,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import take_rows
+from raytracer.arrays.rows import any_column, take_rows
 from raytracer.arrays.types import Booleans, Floats, Kinds
 from raytracer.arrays.vectors import make_frame, normalize
 from raytracer.lecture import cross
@@ -98,6 +98,16 @@ class HairLobes(ABC):
     def energy_scale(self) -> Floats:
         """(m,) 1: nothing is lost that `weight` would give back."""
         return np.ones(len(self))
+
+    @property
+    def reflects(self) -> Booleans:
+        """(m,) True where light comes back to the side of the normal."""
+        return any_column(self.reflection > 0)
+
+    @property
+    def transmits(self) -> Booleans:
+        """(m,) True where light goes through to the other side."""
+        return any_column(self.transmission > 0)
 
     def show_normal(self, outgoing: Floats) -> Floats:
         """Return (m, 3) what passes of normals show where strands are seen from unit directions (m, 3)."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, take_rows
+from raytracer.arrays.rows import make_zeros, take_rows
 from raytracer.arrays.types import Floats
 from raytracer.bsdfs.closures import Lobes, Shading
 from raytracer.bsdfs.fresnel import DIELECTRIC
@@ -46,12 +46,12 @@ def estimate_color(lobes: Lobes, cosine: Floats, all_tabulated: bool = False) ->
         color = lobes.estimate_color()
         return color * lobes.reflection, color * lobes.transmission
     reflectance, transmittance = evaluate_fresnel(lobes, cosine)
-    is_tabulated = all_tabulated | (~lobes.is_perfect & ~any_column(lobes.transmission > 0))
+    is_tabulated = all_tabulated | (~lobes.is_perfect & ~lobes.transmits)
     if lobes.film is not None:
-        is_tabulated = is_tabulated & (lobes.film.thickness <= THINNEST)
-    rows = np.flatnonzero((lobes.fresnel == DIELECTRIC) & is_tabulated)
-    if len(rows):
+        is_tabulated &= lobes.film.thickness <= THINNEST
+    rows = np.flatnonzero(is_tabulated)
+    if len(rows) and lobes.fresnel == DIELECTRIC:
         share = read_schlick_share(np.sqrt(lobes.alpha[rows]), cosine[rows], lobes.eta[rows])[:, np.newaxis]
-        f0 = lobes.f0[rows]
-        reflectance[rows] = (f0 + (1.0 - f0) * share) * lobes.reflection[rows]
-    return reflectance, transmittance
+        f0, tint = lobes.f0[rows], 1.0 if lobes.reflection is None else lobes.reflection[rows]
+        reflectance[rows] = (f0 + (1.0 - f0) * share) * tint
+    return reflectance, make_zeros(len(lobes)) if transmittance is None else transmittance

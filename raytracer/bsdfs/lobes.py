@@ -8,13 +8,13 @@ Blender, intern/cycles/kernel/svm/closure.h: roughness, anisotropy and rotation 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, mean_column, take_rows
-from raytracer.arrays.types import Floats
+from raytracer.arrays.rows import mean_column, put_rows, shorten_rows, take_rows
+from raytracer.arrays.types import Floats, Indices
 from raytracer.bsdfs.closures import Closures, Points
 from raytracer.bsdfs.distributions import Stretch, make_stretch, rotate
 from raytracer.bsdfs.fresnel import CONSTANT
@@ -41,9 +41,9 @@ class Facets:
 
     fresnel: int
     f0: Floats
-    f82: Floats
-    reflection: Floats
-    transmission: Floats
+    f82: Floats | None = None
+    reflection: Floats | None = None
+    transmission: Floats | None = None
     film: Film | None = None
 
 
@@ -128,16 +128,14 @@ def make_lobes(
     """
     normal, cosine = points.specular_normal(normal_name)
     cosine = np.clip(cosine, 0.0, 1.0)
-    refracts = any_column(facets.transmission > 0)
-    bends = np.abs(eta - 1.0) >= SMALLEST_ETA_STEP
     roughness = grain.roughness
     lobes = Microfacets(
         hit=points.rows,
         weight=weight,
         normal=normal,
-        alpha=np.where(refracts & ~bends, 0.0, roughness * roughness),
+        alpha=roughness * roughness,
         eta=eta,
-        fresnel=np.full(len(points.rows), facets.fresnel, dtype=np.int8),
+        fresnel=facets.fresnel,
         f0=facets.f0,
         f82=facets.f82,
         reflection=facets.reflection,
@@ -148,18 +146,35 @@ def make_lobes(
         stretch=_lay_stretch(closures, points, normal, grain),
         film=facets.film,
     )
-    scaled, energy_scale = weight.copy("K"), lobes.energy_scale
+    refracts = lobes.transmits
+    if lobes.transmission is not None:
+        lobes.alpha[refracts & ~(np.abs(eta - 1.0) >= SMALLEST_ETA_STEP)] = 0.0
     returned = ~lobes.is_perfect & (grain.multiscatter > 0)
-    for rows, read in (
-        (np.flatnonzero(returned & ~refracts), lambda x, y, _: read_reflection(x, y)),
-        (np.flatnonzero(returned & refracts), read_glass),
-    ):
-        if mean_color is not None and len(rows):
-            share, mean = read(roughness[rows], cosine[rows], eta[rows])
-            added = compensate(share, mean, np.minimum(take_rows(mean_color, rows), 1.0)) - 1.0
-            scaled[rows] *= 1.0 + grain.multiscatter[rows, np.newaxis] * added
-            energy_scale[rows] += grain.multiscatter[rows] * (1.0 / share - 1.0)
-    return dataclasses.replace(lobes, weight=scaled, albedo=_estimate_albedo(lobes, cosine))
+    for rows, read in ((returned & ~refracts, read_reflection), (returned & refracts, read_glass)):
+        if mean_color is not None and rows.any():
+            places = shorten_rows(np.flatnonzero(rows), len(lobes))
+            weight = _return_lost(weight, lobes, grain, mean_color, cosine, places, read)
+    return dataclasses.replace(lobes, weight=weight, albedo=_estimate_albedo(lobes, cosine))
+
+
+def _return_lost(
+    weight: Floats,
+    lobes: Microfacets,
+    grain: Grain,
+    mean_color: Floats,
+    cosine: Floats,
+    rows: Indices | slice,
+    read: Callable[[Floats, Floats, Floats], tuple[Floats, Floats]],
+) -> Floats:
+    """Return the weight (k, 3) of lobes with the light of further bounces at some `rows`, and note it in their
+    energy_scale; `read` : returns what share a single bounce sends on, and its mean."""
+    share, mean = read(grain.roughness[rows], cosine[rows], lobes.eta[rows])
+    added = compensate(share, mean, np.minimum(take_rows(mean_color, rows), 1.0)) - 1.0
+    multiscatter = grain.multiscatter[rows]
+    lobes.energy_scale[rows] += multiscatter * (1.0 / share - 1.0)
+    scaled = weight.copy("K")
+    put_rows(scaled, rows, take_rows(weight, rows) * (1.0 + multiscatter[:, np.newaxis] * added))
+    return scaled
 
 
 def _lay_stretch(closures: Closures, points: Points, normal: Floats, grain: Grain) -> Stretch | None:
@@ -177,8 +192,14 @@ def _estimate_albedo(lobes: Microfacets, cosine: Floats) -> Floats:
     The estimate is that of a smooth surface. Rough lobes keep a small share where that is black, for some of their
     facets are met at other angles; refraction keeps its full share in total reflection.
     """
-    reflected, passed = evaluate_fresnel(lobes, cosine)
-    tints = mean_column(lobes.reflection + lobes.transmission)
-    smooth = mean_column(reflected + passed)
-    smooth = np.where(lobes.fresnel == CONSTANT, tints, smooth)
+    tints = _sum_sides(len(lobes), lobes.reflection, lobes.transmission)
+    smooth = tints if lobes.fresnel == CONSTANT else _sum_sides(len(lobes), *evaluate_fresnel(lobes, cosine))
     return np.where(lobes.is_perfect, smooth, np.maximum(smooth, SMALLEST_PICK * tints))
+
+
+def _sum_sides(count: int, reflected: Floats | None, transmitted: Floats | None) -> Floats:
+    """Return the mean (k,) over the channels of what `count` lobes reflect, None for all, and transmit, None for
+    nothing, (k, 3)."""
+    if reflected is None:
+        return np.ones(count) if transmitted is None else mean_column(1.0 + transmitted)
+    return mean_column(reflected if transmitted is None else reflected + transmitted)

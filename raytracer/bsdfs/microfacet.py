@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, join_columns, lay_columns, make_zeros, mean_column, take_rows
+from raytracer.arrays.rows import any_column, join_columns, lay_columns, mean_column, put_rows, take_rows
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import make_frame, normalize, reflect
 from raytracer.bsdfs.distributions import (
@@ -34,7 +34,6 @@ from raytracer.bsdfs.distributions import (
     shadowing,
 )
 from raytracer.bsdfs.fresnel import (
-    CONDUCTOR,
     CONSTANT,
     DIELECTRIC,
     METAL,
@@ -60,13 +59,15 @@ class Microfacets:
     normal : (m, 3) float64, unit, on the side of `outgoing`
     alpha : (m,) float64, roughness; of stretched lobes the geometric mean
     eta : (m,) float64, index of refraction behind the surface over that in front of it
-    fresnel : (m,) int8, CONSTANT, METAL, DIELECTRIC or CONDUCTOR
-    f0, f82 : (m, 3) float64, reflectance at normal incidence; the METAL curve's second coefficient; of a CONDUCTOR
-        the real and the imaginary part of its index of refraction
-    reflection, transmission : (m, 3) float64, tints; 0 switches that side off
+    f0 : (m, 3) float64, reflectance at normal incidence; of a CONDUCTOR the real part of its index of refraction
     albedo : (m,) float64, estimate of the share of light that the lobe sends on, without `weight`
     energy_scale : (m,) float64, the factor in `weight` for what lossless facets would send on only after
         further bounces, 1 / E; 1 where that is left out
+    fresnel : CONSTANT, METAL, DIELECTRIC or CONDUCTOR
+    f82 : (m, 3) float64, the METAL curve's second coefficient, or the imaginary part of a CONDUCTOR's index; None of
+        others
+    reflection : (m, 3) float64, tint; 0 switches that side off; None for white
+    transmission : (m, 3) float64, tint; None of lobes that only reflect
     beckmann : Beckmann's distribution instead of GGX
     stretch : None where no lobe is stretched
     film : thin films on the facets; None where no lobe has any
@@ -77,13 +78,13 @@ class Microfacets:
     normal: Floats
     alpha: Floats
     eta: Floats
-    fresnel: NDArray[np.int8]
     f0: Floats
-    f82: Floats
-    reflection: Floats
-    transmission: Floats
     albedo: Floats
     energy_scale: Floats
+    fresnel: int
+    f82: Floats | None = None
+    reflection: Floats | None = None
+    transmission: Floats | None = None
     beckmann: bool = False
     stretch: Stretch | None = None
     film: Film | None = None
@@ -95,10 +96,11 @@ class Microfacets:
         """Return some of the lobes: index or boolean array."""
         if isinstance(rows, np.ndarray) and rows.dtype == np.bool_:
             rows = rows.nonzero()[0]  # once for all arrays
-        fields: dict[str, Any] = {name: take_rows(getattr(self, name), rows) for name in ROW_FIELDS}
+        columns: dict[str, Any] = {name: getattr(self, name) for name in ROW_FIELDS}
+        columns = {name: None if values is None else take_rows(values, rows) for name, values in columns.items()}
         stretch = None if self.stretch is None else self.stretch.select(rows)
         film = None if self.film is None else self.film.select(rows)
-        return Microfacets(**fields, beckmann=self.beckmann, stretch=stretch, film=film)
+        return Microfacets(**columns, fresnel=self.fresnel, beckmann=self.beckmann, stretch=stretch, film=film)
 
     def show_normal(self, outgoing: Floats) -> Floats:
         """Return (m, 3) what passes of normals show: their own, whatever the unit directions (m, 3) of view."""
@@ -109,50 +111,56 @@ class Microfacets:
         """(m,) True where the lobe has a single direction per side, which only sampling can find."""
         return self.alpha <= SMALLEST_ALPHA
 
+    @property
+    def reflects(self) -> Booleans:
+        """(m,) True where the lobe sends light to the side that it comes from."""
+        return np.ones(len(self), np.bool_) if self.reflection is None else any_column(self.reflection > 0)
 
-SHARED_FIELDS = ("beckmann", "stretch", "film")
+    @property
+    def transmits(self) -> Booleans:
+        """(m,) True where the lobe sends light to the other side."""
+        return np.zeros(len(self), np.bool_) if self.transmission is None else any_column(self.transmission > 0)
+
+
+SHARED_FIELDS = ("fresnel", "beckmann", "stretch", "film")
 ROW_FIELDS = tuple(item.name for item in dataclasses.fields(Microfacets) if item.name not in SHARED_FIELDS)
 
 
-def evaluate_fresnel(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats]:
-    """Return reflectance and transmittance, each (m, 3), of facets met at `cosine` (m,) >= 0.
+def evaluate_fresnel(lobes: Microfacets, cosine: Floats) -> tuple[Floats, Floats | None]:
+    """Return reflectance and transmittance, each (m, 3), of facets met at `cosine` (m,) >= 0; None for the latter where
+    lobes only reflect."""
+    reflectance = _reflect_untinted(lobes, cosine)
+    if lobes.film is not None:
+        _lay_films(lobes, lobes.film, cosine, reflectance)
+    tinted = reflectance if lobes.reflection is None else reflectance * lobes.reflection
+    if lobes.transmission is None:
+        return tinted, None
+    passing = lobes.transmission if lobes.fresnel == CONSTANT else (1.0 - reflectance) * lobes.transmission
+    total = (transmitted_cosine(cosine, lobes.eta) == 0)[:, np.newaxis]
+    return tinted, np.where(total, 0.0, passing)
+
+
+def _reflect_untinted(lobes: Microfacets, cosine: Floats) -> Floats:
+    """Return the reflectance (m, 3) of bare facets.
 
     A DIELECTRIC lobe runs from its f0 to 1 as the real curve does, so that a tint of f0 keeps the angle dependence.
     """
-    reflectance = lay_columns(np.ones((len(lobes), 3)))
-    for kind in (METAL, DIELECTRIC, CONDUCTOR):
-        rows = np.flatnonzero(lobes.fresnel == kind)
-        if len(rows) == len(lobes):  # nearly always, and nothing is copied
-            reflectance = _reflect_by_kind(kind, cosine, lobes.f0, lobes.f82, lobes.eta)
-            break
-        if len(rows):
-            described = (take_rows(values, rows) for values in (lobes.f0, lobes.f82, lobes.eta))
-            reflectance[rows] = _reflect_by_kind(kind, cosine[rows], *described)
-    if lobes.film is not None:
-        _lay_films(lobes, lobes.film, cosine, reflectance)
-    if not lobes.transmission.any():
-        return reflectance * lobes.reflection, make_zeros(len(lobes))
-    passing = np.where(lobes.fresnel[:, np.newaxis] == CONSTANT, 1.0, 1.0 - reflectance)
-    total = (transmitted_cosine(cosine, lobes.eta) == 0)[:, np.newaxis]
-    return reflectance * lobes.reflection, np.where(total, 0.0, passing * lobes.transmission)
-
-
-def _reflect_by_kind(kind: int, cosine: Floats, f0: Floats, f82: Floats, eta: Floats) -> Floats:
-    """Return the reflectance (m, 3) of facets of one kind; fields as in `Microfacets`."""
-    if kind == METAL:
-        return metal_reflectance(cosine[:, np.newaxis], f0, f82)
-    if kind == DIELECTRIC:
-        return f0 + (1.0 - f0) * schlick_share(cosine, eta)[:, np.newaxis]
-    return conductor_reflectance(cosine[:, np.newaxis], f0, f82)
+    if lobes.fresnel == CONSTANT:
+        return lay_columns(np.ones((len(lobes), 3)))
+    if lobes.fresnel == DIELECTRIC:
+        return lobes.f0 + (1.0 - lobes.f0) * schlick_share(cosine, lobes.eta)[:, np.newaxis]
+    assert lobes.f82 is not None
+    reflect_conducted = metal_reflectance if lobes.fresnel == METAL else conductor_reflectance
+    return reflect_conducted(cosine[:, np.newaxis], lobes.f0, lobes.f82)
 
 
 def _lay_films(lobes: Microfacets, film: Film, cosine: Floats, reflectance: Floats) -> None:
     """Put the reflectance of films (m, 3) where facets have any."""
-    for kind in (METAL, DIELECTRIC, CONDUCTOR):
-        rows = np.flatnonzero((lobes.fresnel == kind) & (film.thickness > THINNEST))
-        if len(rows):
-            described = (take_rows(values, rows) for values in (lobes.f0, lobes.f82, lobes.eta))
-            reflectance[rows] = film_reflectance(kind, cosine[rows], film.select(rows), *described)
+    rows = np.flatnonzero(film.thickness > THINNEST)
+    if len(rows) and lobes.fresnel != CONSTANT:
+        f82 = None if lobes.f82 is None else take_rows(lobes.f82, rows)
+        described = (take_rows(lobes.f0, rows), f82, lobes.eta[rows])
+        put_rows(reflectance, rows, film_reflectance(lobes.fresnel, cosine[rows], film.select(rows), *described))
 
 
 # The lobes -----------------------------------------------------------------------------------------------------------
@@ -208,7 +216,7 @@ def evaluate_microfacets(
     return lobes.weight * value * (common / (1.0 + facets.shadow_out + facets.shadow_in))[:, np.newaxis], density
 
 
-def _choose_side(reflectance: Floats, transmittance: Floats, passes: Booleans) -> tuple[Floats, Floats]:
+def _choose_side(reflectance: Floats, transmittance: Floats | None, passes: Booleans) -> tuple[Floats, Floats]:
     """Return what of the light (m, 3) goes to the side that each direction is on, and the probability (m,) with which
     sampling chooses that side.
 
@@ -217,7 +225,7 @@ def _choose_side(reflectance: Floats, transmittance: Floats, passes: Booleans) -
     probability = _reflection_probability(reflectance, transmittance)
     if not passes.any():
         return reflectance, probability
-    light = np.where(passes[:, np.newaxis], transmittance, reflectance)
+    light = np.where(passes[:, np.newaxis], 0.0 if transmittance is None else transmittance, reflectance)
     return light, np.where(passes, 1.0 - probability, probability)
 
 
@@ -245,8 +253,10 @@ def _describe_facets(lobes: Microfacets, half: _Seen, outgoing: _Seen, incoming:
     )
 
 
-def _reflection_probability(reflectance: Floats, transmittance: Floats) -> Floats:
+def _reflection_probability(reflectance: Floats, transmittance: Floats | None) -> Floats:
     """Return the probability (m,) with which sampling reflects: its share of the light; 1 where all is black."""
+    if transmittance is None:
+        return np.ones(len(reflectance))
     reflected, passed = mean_column(reflectance), mean_column(transmittance)
     both = reflected + passed
     return np.divide(reflected, both, out=np.ones_like(both), where=both > 0)
@@ -282,7 +292,7 @@ def sample_microfacets(
     passes = choice >= probability
     direction, rows = reflect(outgoing, half), np.flatnonzero(passes)
     if len(rows):
-        direction[rows] = refract(take_rows(outgoing, rows), take_rows(half, rows), lobes.eta[rows])
+        put_rows(direction, rows, refract(take_rows(outgoing, rows), take_rows(half, rows), lobes.eta[rows]))
     light, taken = _choose_side(reflectance, transmittance, passes)
     valid = (dot(lobes.normal, outgoing) > 0) & any_column(light > 0)
     for normal in (lobes.normal, geometric_normal):
@@ -294,10 +304,13 @@ def sample_microfacets(
 
 def _sample_half_vectors(lobes: Microfacets, outgoing: Floats, pair: Floats) -> Floats:
     """Return facet normals (m, 3): the surface normal itself for perfect lobes."""
-    half = lobes.normal.copy("K")
     rough = np.flatnonzero(~lobes.is_perfect & (dot(lobes.normal, outgoing) > 0))
+    if len(rough) == len(lobes):
+        return normalize(_sample_facets(lobes, outgoing, pair))
+    half = lobes.normal.copy("K")
     if len(rough):
-        half[rough] = normalize(_sample_facets(lobes.select(rough), take_rows(outgoing, rough), take_rows(pair, rough)))
+        facets = _sample_facets(lobes.select(rough), take_rows(outgoing, rough), take_rows(pair, rough))
+        put_rows(half, rough, normalize(facets))
     return half
 
 
@@ -333,5 +346,5 @@ def tilt_to_reflect(normal: Floats, geometric_normal: Floats, outgoing: Floats) 
     a, b = dot(take_rows(outgoing, rows), aside), height[rows]
     turn = (np.arctan2(a, b) + np.arccos(np.clip(limit[rows] / np.hypot(a, b), -1.0, 1.0))) / 2.0
     tilted = normal.copy("K")
-    tilted[rows] = np.sin(turn)[:, np.newaxis] * aside + np.cos(turn)[:, np.newaxis] * axis
+    put_rows(tilted, rows, np.sin(turn)[:, np.newaxis] * aside + np.cos(turn)[:, np.newaxis] * axis)
     return tilted

@@ -189,8 +189,8 @@ def read_plane(table: Floats, x: Floats, y: Floats) -> Floats:
     return first * (1.0 - part) + second * part
 
 
-def read_reflection(roughness: Floats, cosine: Floats) -> tuple[Floats, Floats]:
-    """Return E and its mean, each (m,), of reflecting lobes."""
+def read_reflection(roughness: Floats, cosine: Floats, eta: Floats | None = None) -> tuple[Floats, Floats]:
+    """Return E and its mean, each (m,), of reflecting lobes; the same for all indices of refraction."""
     table, mean = reflection_tables()
     return read_plane(table, roughness, cosine), _read_row(mean, roughness)
 

@@ -107,7 +107,7 @@ def _make_coat(closures: Closures, points: Points, weight: Floats) -> tuple[Micr
     some, where = closures.select(part), points.select(part)
     eta, amount = some.coat_ior, some.coat_weight[:, np.newaxis]
     f0, mean = repeat_column(normal_reflectance(eta)), repeat_column(mean_dielectric_reflectance(eta))
-    facets = Facets(DIELECTRIC, f0, 0.0 * f0, np.ones_like(f0), 0.0 * f0)
+    facets = Facets(DIELECTRIC, f0)
     grain = Grain(some.coat_roughness, 1.0 - some.simple_coat)
     plain = amount * take_rows(weight, part)
     name = "coat_normal" if "coat_normal" in where.vectors else "normal"
@@ -128,11 +128,9 @@ def _make_metal(closures: Closures, points: Points, weight: Floats) -> Microface
     some, where = closures.select(part), points.select(part)
     f0 = np.minimum(some.color, 1.0)
     f82 = metal_coefficient(f0, np.minimum(some.specular_tint, 1.0))
-    white = np.ones_like(f0)
-    film = None if closures.uses("bare_metal") else read_film(some)
-    facets = Facets(METAL, f0, f82, white, 0.0 * white, film)
-    grain = stretch_grain(read_grain(some), some, where)
-    return make_lobes(some, where, take_rows(weight, part), white[:, 0], facets, grain, mean_color=metal_mean(f0, f82))
+    facets = Facets(METAL, f0, f82, film=None if closures.uses("bare_metal") else read_film(some))
+    grain, eta = stretch_grain(read_grain(some), some, where), np.ones(len(f0))
+    return make_lobes(some, where, take_rows(weight, part), eta, facets, grain, mean_color=metal_mean(f0, f82))
 
 
 def _make_glass(closures: Closures, points: Points, weight: Floats) -> Microfacets:
@@ -142,7 +140,7 @@ def _make_glass(closures: Closures, points: Points, weight: Floats) -> Microface
     tint = np.sqrt(np.minimum(some.color, 1.0))
     f0 = np.minimum(normal_reflectance(some.ior)[:, np.newaxis] * some.specular_tint, 1.0)
     film = read_film(some, where.find_outside_ior(some.ior))
-    facets = Facets(DIELECTRIC, f0, 0.0 * f0, np.ones_like(f0), tint, film)
+    facets = Facets(DIELECTRIC, f0, transmission=tint, film=film)
     return make_lobes(
         some, where, take_rows(weight, part), where.relative_ior(some.ior), facets, read_grain(some), tint
     )
@@ -159,8 +157,7 @@ def _make_specular(closures: Closures, points: Points, weight: Floats) -> tuple[
     tinted = np.minimum(f0[part, np.newaxis] * some.specular_tint, 1.0)
     own = normal_reflectance(eta)
     rise = np.clip((mean_dielectric_reflectance(eta) - own) / (1.0 - own), 0.0, 1.0)[:, np.newaxis]
-    white = np.ones_like(tinted)
-    facets = Facets(DIELECTRIC, tinted, 0.0 * tinted, white, 0.0 * white, None if film is None else film.select(part))
+    facets = Facets(DIELECTRIC, tinted, film=None if film is None else film.select(part))
     grain = stretch_grain(read_grain(some), some, where)
     lobes = make_lobes(some, where, plain, eta, facets, grain, mean_color=tinted + (1.0 - tinted) * rise)
     under = weight.copy("K")

@@ -76,11 +76,12 @@ class Film:
         return Film(self.thickness[rows], self.ior[rows])
 
 
-def film_reflectance(kind: int, cosine: Floats, film: Film, f0: Floats, f82: Floats, eta: Floats) -> Floats:
+def film_reflectance(kind: int, cosine: Floats, film: Film, f0: Floats, f82: Floats | None, eta: Floats) -> Floats:
     """Return the reflectance (m, 3) of facets of one kind under films; fields as in `microfacet.Microfacets`."""
     if kind == DIELECTRIC:
         substrate = eta[:, np.newaxis] + 0.0j
         return tint_reflectance(interfere(cosine, film, substrate), f0, normal_reflectance(eta)[:, np.newaxis])
+    assert f82 is not None
     if kind == CONDUCTOR:
         return interfere(cosine, film, np.maximum(f0, SMALLEST_INDEX) + 1j * f82)
     assert kind == METAL

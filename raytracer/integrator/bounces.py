@@ -17,6 +17,8 @@ import numpy as np
 from raytracer.arrays.rows import sum_columns
 from raytracer.arrays.types import Booleans, Counts, Floats, Kinds, Masks
 from raytracer.bsdfs.bounce_kinds import COUNTED, DIFFUSE, SCATTERED, STRAIGHT, TRANSMITTED
+from raytracer.integrator.integrator import Integrator
+from raytracer.integrator.paths import Paths
 from raytracer.integrator.settings import Settings
 from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 
@@ -28,8 +30,24 @@ def find_ended(counts: Counts, settings: Settings) -> Booleans:
     """Return (n,) True for paths that have taken one bounce more than any limit allows: they only see emission."""
     ended: Booleans = sum_columns(counts) > settings.max_bounces
     for column, name in enumerate(COUNTED):
-        ended |= counts[:, column] > getattr(settings, f"{name}_bounces")
+        most = getattr(settings, f"{name}_bounces")
+        if most < settings.max_bounces:
+            ended |= counts[:, column] > most
     return ended
+
+
+def find_finished(integrator: Integrator, paths: Paths) -> Booleans:
+    """Return (n,) True for paths that have used up their bounces; where light samples are told apart, the direct
+    integrator's diffuse reflections only look for what shines."""
+    ended = find_ended(paths.bounces, integrator.settings)
+    if integrator.told_apart and integrator.settings.integrator == "direct":
+        ended |= (paths.kind & DIFFUSE) > 0
+    return ended
+
+
+def find_closed(integrator: Integrator, paths: Paths) -> Booleans:
+    """Return (n,) True for paths that have gone straight as often as they may: they see emission, and end."""
+    return paths.passages >= max(integrator.settings.transparent_bounces, 1)
 
 
 def survival_probability(throughput: Floats) -> Floats:

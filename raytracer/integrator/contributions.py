@@ -11,8 +11,13 @@ from functools import partial
 
 import numpy as np
 
+<<<<<<< HEAD
 from raytracer.arrays.rows import mean_column, sum_columns
 from raytracer.arrays.types import Booleans, Floats, Indices, Integers
+=======
+from raytracer.arrays.rows import mean_column, sum_columns, take_rows
+from raytracer.arrays.types import Booleans, Floats, Indices
+>>>>>>> de78b95 (Shading moves rows column by column, and lobes hold only what they need)
 from raytracer.bsdfs.bounce_kinds import SCATTERED, describe_kinds
 from raytracer.bsdfs.lobe_colors import sum_lobe_colors
 from raytracer.casting.rays import Hits
@@ -256,14 +261,16 @@ def describe_surface(integrator: Integrator, passes: PathPasses, wave: Wave) -> 
     if not len(rows):
         return
     row = paths.row[rows]
-    passes.set("Depth", row, find_depths(integrator, passes, wave, rows))
-    passes.set("Position", row, surface.position[rows])
+    if "Depth" in passes.values:
+        passes.set("Depth", row, find_depths(integrator, passes, wave, rows))
+    if "Position" in passes.values:
+        passes.set("Position", row, take_rows(surface.position, rows))
     passes.set("Object Index", row, integrator.pass_index[surface.instance[rows]])
     passes.set("Material Index", row, integrator.materials.pass_index[surface.material[rows]])
     if integrator.screen_motion is not None:
         which = surface.instance[rows], surface.primitive[rows], wave.hits.barycentric[rows]
         passes.set("Vector", row, find_vectors(integrator.screen_motion, surface.position[rows], *which))
-    opaque = mean_column(shading.passage[rows]) <= 1.0 - OPAQUE_ENOUGH
+    opaque = mean_column(take_rows(shading.passage, rows)) <= 1.0 - OPAQUE_ENOUGH
     rows, row = rows[opaque], row[opaque]
     if "Normal" in passes.values:
         passes.set("Normal", row, shading.average_normal()[rows])

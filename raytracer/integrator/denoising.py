@@ -22,6 +22,7 @@ from raytracer.arrays.types import Booleans, Floats
 from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.lobe_colors import sum_lobe_colors
 from raytracer.bsdfs.portals import close_portals
+from raytracer.integrator.bounces import find_finished
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.paths import PathPasses, Paths, Wave
 from raytracer.lecture import length
@@ -31,12 +32,12 @@ WIDE_ALPHA = 0.075
 WIDE_SHARE = 0.25
 
 
-def add_guides(integrator: Integrator, passes: PathPasses, wave: Wave, ended: Booleans) -> None:
-    """Add what surfaces tell; ended : (k,) bool, True for paths that have used up their bounces: as in Cycles they
-    find nothing but what is transparent."""
+def add_guides(integrator: Integrator, passes: PathPasses, wave: Wave) -> None:
+    """Add what surfaces tell: to paths that have used up their bounces, as in Cycles, only what is transparent."""
     if passes.guides is None:
         return
-    paths = wave.paths
+    wave = replace(wave, shading=wave.shading.lay_open())
+    paths, ended = wave.paths, find_finished(integrator, wave.paths)
     chosen = np.flatnonzero(passes.guides.searching[paths.row])
     row, share = paths.row[chosen], passes.guides.share[paths.row[chosen]]
     passes.add("Denoising Depth", row, (mean_column(share) * measure_stretch(wave)[chosen])[:, np.newaxis])

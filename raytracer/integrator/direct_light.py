@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, make_zeros, take_rows
+from raytracer.arrays.rows import add_rows, any_column, make_zeros, put_rows, shorten_rows, take_rows
 from raytracer.arrays.types import Floats, Indices, Masks
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.bsdf import evaluate_bsdf, evaluate_diffuse, evaluate_lobes, includes_diffuse
@@ -95,24 +95,26 @@ def _aim(points: ShadingPoints, light: LightSamples, rows: Indices, lifts: bool)
 
     lifts : False for rays that take the place of reflected ones, which start on the surface
     """
-    surface = points.surface.select(rows)
-    direction, reach, target = take_rows(light.direction, rows), light.distance.take(rows), None
+    places = shorten_rows(rows, len(points.surface))
+    leaving = points.surface.leave(places)
+    direction, reach, target = take_rows(light.direction, places), light.distance[places], None
     if light.target is not None and light.reach is not None:
-        target, reach = take_rows(light.target, rows), light.reach.take(rows)
+        target, reach = take_rows(light.target, places), light.reach[places]
     if points.lift is None or not lifts:
-        return depart(surface, direction, reach, target)
-    shading = points.shading
-    normal, geometric = take_rows(shading.normal, rows), take_rows(shading.geometric_normal, rows)
+        return depart(leaving, direction, reach, target)
+    surface, shading = points.surface.select(places), points.shading
+    normal, geometric = take_rows(shading.normal, places), take_rows(shading.geometric_normal, places)
     lifted = points.lift(surface, normal, geometric, direction)
     if target is None and len(lifted.rows):
         # From higher up the same point lies in another direction; not so what is infinitely far away.
+        direction, reach = direction.copy("K"), reach.copy()
         near = np.isfinite(reach[lifted.rows])
         way = direction[lifted.rows[near]] * reach[lifted.rows[near], np.newaxis] - lifted.offset[near]
         reach[lifted.rows[near]] = length(way)
-        direction[lifted.rows[near]] = normalize(way)
+        put_rows(direction, lifted.rows[near], normalize(way))
     position = surface.position.copy("K")
-    position[lifted.rows] += lifted.offset
-    return depart(dataclasses.replace(surface, position=position), direction, reach, target)
+    add_rows(position, lifted.rows, lifted.offset)
+    return depart(dataclasses.replace(leaving, position=position), direction, reach, target)
 
 
 # The classes of rays that no surface reflects.
@@ -188,8 +190,8 @@ def _leave_out_hidden(shading: Shading, probabilities: Floats, seen_by: int) -> 
     probabilities, first = probabilities.copy(), 1 + len(shading.lobes)
     kept = []
     for column, lobes in enumerate(shading.lobes, start=1):
-        glossy = any_column(lobes.reflection > 0) & bool(seen_by & SEEN_BY["glossy"])
-        through = any_column(lobes.transmission > 0) & bool(seen_by & SEEN_BY["transmission"])
+        glossy = lobes.reflects & bool(seen_by & SEEN_BY["glossy"])
+        through = lobes.transmits & bool(seen_by & SEEN_BY["transmission"])
         kept.append(lobes.select(np.flatnonzero(glossy | through)))
         probabilities[lobes.hit[~(glossy | through)], column] = 0.0
     diffuse, tilted = shading.diffuse, []

@@ -26,14 +26,14 @@ from raytracer.casting.caster import Caster
 from raytracer.casting.geometry import Kind, join_id, world_corners
 from raytracer.casting.rays import Hits, Rays, make_rays
 from raytracer.film.camera import primary_rays
-from raytracer.integrator.bounces import classify_rays, find_ended
+from raytracer.integrator.bounces import classify_rays, find_closed, find_ended
 from raytracer.integrator.contributions import add_background, add_emission, add_visible_lights, describe_path
 from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
 from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
 from raytracer.integrator.prepare import DEFAULT_RESOLUTION, light_is_on, prepare
-from raytracer.integrator.scattering import count_all, find_closed
+from raytracer.integrator.scattering import count_all
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows, join_shadows
 from raytracer.integrator.traced_rays import (
@@ -350,7 +350,7 @@ def list_directions(shading: Shading) -> Iterator[tuple[str, Floats, Floats, int
         mirrored, bent = reflect(outgoing, normal), refract(outgoing, normal, lobes.eta)
         if is_on_side(mirrored, normal, geometric, 1):
             yield REFLECTED, mirrored[0], (lobes.weight * reflectance)[0], GLOSSY | singular
-        if is_on_side(bent, normal, geometric, -1):
+        if transmittance is not None and is_on_side(bent, normal, geometric, -1):
             yield REFRACTED, bent[0], (lobes.weight * transmittance)[0], GLOSSY | singular | TRANSMITTED
 
 

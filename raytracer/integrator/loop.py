@@ -19,7 +19,7 @@ from raytracer.bsdfs.bsdf import BsdfSample, enter_portals
 from raytracer.casting.rays import Hits, Rays
 from raytracer.film.passes import LENGTH, NEAR_MISS
 from raytracer.integrator.aovs import add_sky_aovs, add_surface_aovs
-from raytracer.integrator.bounces import classify_rays
+from raytracer.integrator.bounces import classify_rays, find_closed
 from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
 from raytracer.integrator.clear_surfaces import forget_clear_surfaces
 from raytracer.integrator.contributions import (
@@ -39,7 +39,7 @@ from raytracer.integrator.media import cross_media
 from raytracer.integrator.near_misses import note_near_misses
 from raytracer.integrator.open_share import add_open_share
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
-from raytracer.integrator.scattering import Shaded, find_closed, find_finished, scatter
+from raytracer.integrator.scattering import Shaded, scatter
 from raytracer.integrator.scene_media import immerse_paths
 from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_split, start_catching
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
@@ -175,9 +175,8 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
         return Shaded([], pass_straight(integrator, passes, wave, sampler))
 
     sampler = sampler.select(paths.row)
-    ended = find_finished(integrator, paths)
-    add_guides(integrator, passes, replace(wave, shading=wave.shading.lay_open()), ended)
-    add_open_share(integrator, passes, wave, sampler, ended | find_closed(integrator, paths))
+    add_guides(integrator, passes, wave)
+    add_open_share(integrator, passes, wave, sampler)
 
     # Scattering: what light does the surface send on, and where does the path go on?
     stage = scatter if integrator.cast_inside is None else scatter_below

@@ -8,9 +8,9 @@ import numpy as np
 
 from raytracer.arrays.types import Booleans, Colors, Indices, Integers, Numbers, Vectors
 from raytracer.casting.rays import Hits, select_rows
+from raytracer.integrator.bounces import find_closed, find_finished
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.paths import Paths
-from raytracer.integrator.scattering import find_closed, find_finished
 from raytracer.integrator.scene_media import SceneMedia
 from raytracer.integrator.shadow_media import find_passing
 from raytracer.lecture import length

@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from raytracer.arrays.rows import take_rows
-from raytracer.arrays.types import Booleans
 from raytracer.arrays.vectors import to_world
 from raytracer.casting.rays import Rays
+from raytracer.integrator.bounces import find_closed, find_finished
 from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.paths import PathPasses, Wave
 from raytracer.integrator.shadow_rays import Shadows
@@ -29,10 +29,11 @@ from raytracer.shading.light_path import Depths
 from raytracer.surfaces.surface import depart
 
 
-def add_open_share(integrator: Integrator, passes: PathPasses, wave: Wave, sampler: Sampler, ended: Booleans) -> None:
-    """Add what is open around surfaces; sampler : of the wave's paths, ended : (k,) bool, those that may not go on."""
+def add_open_share(integrator: Integrator, passes: PathPasses, wave: Wave, sampler: Sampler) -> None:
+    """Add what is open around surfaces that paths may go on from; sampler : of the wave's paths."""
     if "Ambient Occlusion" not in passes.values:
         return
+    ended = find_finished(integrator, wave.paths) | find_closed(integrator, wave.paths)
     rows = np.flatnonzero(wave.paths.direct & ~ended)
     if not len(rows):
         return

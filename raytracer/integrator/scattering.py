@@ -13,7 +13,13 @@ from raytracer.arrays.rows import any_column, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Counts, Floats, Numbers
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, SCATTERED, STRAIGHT, TRANSMITTED, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
-from raytracer.integrator.bounces import CERTAIN_BOUNCES, find_ended, survival_probability
+from raytracer.integrator.bounces import (
+    CERTAIN_BOUNCES,
+    find_closed,
+    find_ended,
+    find_finished,
+    survival_probability,
+)
 from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_passes import note_scattering, split_paths
@@ -109,6 +115,7 @@ def count_all(integrator: Integrator, paths: Paths) -> Counts | None:
     return sum_columns(paths.bounces) if integrator.counts_bounces else None
 
 
+<<<<<<< HEAD
 def find_finished(integrator: Integrator, paths: Paths) -> Booleans:
     """Return (n,) True for paths that have used up their bounces; the direct integrator's diffuse reflections, and
     what media scatter, where they are followed, only look for what shines."""
@@ -124,6 +131,8 @@ def find_closed(integrator: Integrator, paths: Paths) -> Booleans:
     return paths.passages >= max(integrator.settings.transparent_bounces, 1)
 
 
+=======
+>>>>>>> de78b95 (Shading moves rows column by column, and lobes hold only what they need)
 def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
     """Return the probabilities of the lobes that paths may go on by.
 

@@ -189,7 +189,7 @@ def opaque_visibility(caster: RayCaster, cast: CastShadows | None = None, order:
 
     def see(shadows: Shadows) -> Floats:
         blocked = find_any(caster, shadows.rays, order) if cast is None else cast(shadows).hit
-        return np.where(blocked, 0.0, 1.0)[:, np.newaxis]
+        return (~blocked).astype(np.float64)[:, np.newaxis]
 
     return see
 

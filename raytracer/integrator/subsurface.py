@@ -23,6 +23,7 @@ from raytracer.bsdfs.bsdf import lobe_shares
 from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.subsurface import Subsurface, enter, find_medium, join_parts
 from raytracer.casting.rays import Hits
+from raytracer.integrator.bounces import find_closed, find_finished
 from raytracer.integrator.contributions import describe_path
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.paths import PathPasses, Paths, Wave, join_paths
@@ -30,8 +31,6 @@ from raytracer.integrator.random_walk import Exits, walk
 from raytracer.integrator.scattering import (
     Shaded,
     close_portals,
-    find_closed,
-    find_finished,
     scatter,
     scatter_by,
     weigh_lobes,

@@ -16,7 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, lay_columns, make_zeros, mean_column, repeat_column, take_rows
+from raytracer.arrays.rows import (
+    add_rows,
+    any_column,
+    find_sign,
+    lay_columns,
+    make_zeros,
+    mean_column,
+    put_rows,
+    repeat_column,
+    take_rows,
+)
 from raytracer.arrays.types import Booleans, Floats, Integers
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.closure_nodes import SCATTERING
@@ -155,12 +165,13 @@ def _sum_parts(
     if columns is None:
         assert recipes is not None
         columns = compute_columns(table.computed, recipes, surface, path)
-    total[rows] = 0.0
+    put_rows(total, rows, 0.0)
     for slot, kinds in enumerate(table.kinds):
         kind_of_hit = kinds[surface.material[rows]]
         for kind in np.unique(kind_of_hit[kind_of_hit >= 0]):
             some = rows[kind_of_hit == kind]
-            total[some] += part(CLOSURE_KINDS[kind], _select_parameters(table, slot, surface.material, some, columns))
+            closures = _select_parameters(table, slot, surface.material, some, columns)
+            add_rows(total, some, part(CLOSURE_KINDS[kind], closures))
     return total
 
 
@@ -192,7 +203,7 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
     if table.computed is not None:
         surface = bend_normals(table.computed, surface, path)
         columns = compute_columns(table.computed, table.computed.everything, surface, path)
-    sign = np.where(surface.front, 1.0, -1.0)[:, np.newaxis]
+    sign = find_sign(surface.front)[:, np.newaxis]
     lobes: list[Lobes] = []
     tilted: list[TiltedDiffuse] = []
     subsurface: list[Subsurface] = []
@@ -212,8 +223,10 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
     )
     for slot, kinds in enumerate(table.kinds):
         kind_of_hit = kinds[surface.material]
+        present = set(kinds.tolist())
         for kind, add_closures in SCATTERING.items():
-            rows = np.flatnonzero(kind_of_hit == CLOSURE_KINDS.index(kind))
+            number = CLOSURE_KINDS.index(kind)
+            rows = np.flatnonzero(kind_of_hit == number if number in present else ())
             if len(rows):
                 vectors = _own_vectors(columns, slot, rows, shading)
                 points = Points(rows, surface.front[rows], shading, vectors, tilted, subsurface, portals)

@@ -17,7 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, lay_columns, make_zeros, take_rows
+from raytracer.arrays.rows import (
+    any_column,
+    find_sign,
+    lay_columns,
+    make_zeros,
+    put_rows,
+    shorten_rows,
+    take_rows,
+)
 from raytracer.arrays.types import Booleans, Floats, Integers, Numbers, Pairs, Vectors
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import Kind, join_id
@@ -34,6 +42,7 @@ from raytracer.surfaces.surface_tables import (
     gather_corners,
     interpolate,
     measure_triangles,
+    turn_normals,
 )
 
 
@@ -98,7 +107,11 @@ def _find_approach(rays: Rays, hits: Hits, outgoing: Floats) -> Floats:
     return np.where(here[:, np.newaxis], rays.departure.approach, outgoing)
 
 
-def _triangle_surface(tables: SurfaceTables, hits: Hits) -> tuple[Floats, Floats, Floats, Floats]:
+# Position (n, 3), its error (n,), geometric and shading normal (n, 3).
+_PointParts = tuple[Floats, Floats, Floats, Floats]
+
+
+def _triangle_surface(tables: SurfaceTables, hits: Hits) -> _PointParts:
     """Return position (n, 3), its error (n,), geometric and shading normal (n, 3) where triangles are hit."""
     position, error, normal = _triangle_points(tables, hits.instance, hits.primitive, hits.barycentric)
     shading = _interpolate_normals(tables, hits.instance, hits.primitive, hits.barycentric, normal)
@@ -107,22 +120,31 @@ def _triangle_surface(tables: SurfaceTables, hits: Hits) -> tuple[Floats, Floats
 
 def _mixed_surface(
     tables: SurfaceTables, rays: Rays, hits: Hits, is_triangle: NDArray[np.bool_], strands: CurvePoints | None
-) -> tuple[Floats, Floats, Floats, Floats]:
+) -> _PointParts:
     """Return what `_triangle_surface` does where some of the hits, or all, are spheres or curves."""
     position, normal, shading = (make_zeros(len(hits)) for _ in range(3))
     error = np.empty(len(hits))
     flat, round_ = np.flatnonzero(is_triangle), np.flatnonzero(~is_triangle)
     if len(flat):
-        position[flat], error[flat], normal[flat], shading[flat] = _triangle_surface(tables, hits.select(flat))
+        found = _triangle_surface(tables, hits.select(flat))
+        _put_points((position, error, normal, shading), flat, found)
     if strands is not None:
-        rows = strands.rows
-        position[rows], error[rows], normal[rows] = strands.position, strands.error, strands.geometric_normal
-        shading[rows] = strands.shading_normal
+        found = (strands.position, strands.error, strands.geometric_normal, strands.shading_normal)
+        _put_points((position, error, normal, shading), strands.rows, found)
         round_ = np.flatnonzero(tables.geometry.belongs_to_kind(hits.instance, Kind.SPHERE))
-    at = point_on_line(rays.origins[round_], rays.directions[round_], hits.distance[round_])
-    position[round_], error[round_], normal[round_] = _sphere_points(tables, hits, round_, at)
-    shading[round_] = normal[round_]
+    at = point_on_line(take_rows(rays.origins, round_), take_rows(rays.directions, round_), hits.distance[round_])
+    on_spheres = _sphere_points(tables, hits, round_, at)
+    _put_points((position, error, normal, shading), round_, (*on_spheres, on_spheres[-1]))
     return position, error, normal, shading
+
+
+def _put_points(targets: _PointParts, rows: NDArray[np.intp], parts: _PointParts) -> None:
+    """Put what is known of some of the points where all have their place."""
+    for target, part in zip(targets, parts, strict=True):
+        if target.ndim == 1:
+            target[rows] = part
+        else:
+            put_rows(target, rows, part)
 
 
 def _triangle_points(
@@ -163,13 +185,17 @@ def _interpolate_normals(
         return geometric
     mesh = tables.geometry.instance_mesh[instance]
     smooth = np.flatnonzero(tables.normals.first[mesh] >= 0)
-    local = gather_corners(tables.normals, mesh[smooth], primitive[smooth], take_rows(weights, smooth))
-    matrices = tables.normal_from_object[instance[smooth]]  # (k, 3, 3)
-    world = normalize(dot(matrices, normalize(local)[:, np.newaxis, :]))
-    world = np.where(tables.mirrored[instance[smooth], np.newaxis], -world, world)
+    rows = shorten_rows(smooth, len(mesh))
+    local = gather_corners(tables.normals, mesh[rows], primitive[rows], take_rows(weights, rows))
+    world = normalize(turn_normals(tables, instance[rows], normalize(local)))
+    turned = tables.mirrored[instance[rows]]
+    if turned.any():
+        world = np.where(turned[:, np.newaxis], -world, world)
     usable = any_column(world != 0)
+    if len(smooth) == len(mesh) and usable.all():
+        return world
     shading = geometric.copy("K")
-    shading[smooth[usable]] = world[usable]
+    put_rows(shading, smooth[usable], take_rows(world, usable))
     return shading
 
 
@@ -206,7 +232,7 @@ def imagine_surface(position: Vectors, normal: Vectors, outgoing: Vectors, is_fr
     )
 
 
-def spawn_origin(surface: Surface, direction: Floats) -> Floats:
+def spawn_origin(surface: Surface | LeavingPoints, direction: Floats) -> Floats:
     """Return where rays that leave the surface start: (n, 3), outside the error bound, on the side they leave to.
 
     The position moves along the geometric normal by its error bound, then each coordinate by one unit in the last
@@ -215,11 +241,11 @@ def spawn_origin(surface: Surface, direction: Floats) -> Floats:
 
     Parameters
     ----------
-    surface : Surface of n points
+    surface : n points
     direction : (n, 3) float64, of the leaving rays
     """
     normal = surface.geometric_normal
-    side = normal * np.where(dot(normal, direction) >= 0, 1.0, -1.0)[:, np.newaxis]
+    side = normal * find_sign(dot(normal, direction) >= 0)[:, np.newaxis]
     moved = surface.position + surface.position_error[:, np.newaxis] * side
     return step_towards(moved, side)
 
@@ -230,17 +256,22 @@ def step_towards(points: Floats, side: Floats) -> Floats:
     Numbers of one sign are ordered as their bits are: one more is the next one away from zero. That takes a fourth of
     the time of `nextafter`, which is left for zeros and what is not finite.
     """
-    bits = points.view(np.int64)
-    step = (bits ^ side.view(np.int64)) >> 63 | 1  # -1 where the signs differ, else 1
-    step *= side != 0
-    stepped = (bits + step).view(np.float64)
-    odd = np.nonzero(~(np.isfinite(points) & (points != 0)) & (side != 0))
-    if len(odd[0]):
+    bits, moves = points.view(np.int64), side != 0
+    step = bits ^ side.view(np.int64)
+    step >>= 63
+    step |= 1  # -1 where the signs differ, else 1
+    step *= moves
+    step += bits
+    stepped = step.view(np.float64)
+    odd = ~(np.isfinite(points) & (points != 0)) & moves
+    if odd.any():
         stepped[odd] = np.nextafter(points[odd], np.copysign(np.inf, side[odd]))
     return stepped
 
 
-def depart(surface: Surface, direction: Floats, reach: Floats | float = np.inf, target: Floats | None = None) -> Rays:
+def depart(
+    surface: Surface | LeavingPoints, direction: Floats, reach: Floats | float = np.inf, target: Floats | None = None
+) -> Rays:
     """Return rays that leave n points of a surface.
 
     A ray starts outside the error bound of its point (`spawn_origin`). Where other surfaces may lie at the same place
@@ -263,16 +294,16 @@ def depart(surface: Surface, direction: Floats, reach: Floats | float = np.inf, 
         departure = no_departure(len(surface))
         own = _describe_departure(surface.select(rows), take_rows(origins, rows), take_rows(direction, rows))
         departure.key[rows], departure.approach[rows], departure.reach[rows] = own.key, own.approach, own.reach
-    return Rays(origins, direction, np.zeros(len(surface)), np.broadcast_to(reach, len(surface)) + 0.0, None, departure)
+    return Rays(origins, direction, np.zeros(len(surface)), np.full(len(surface), reach), None, departure)
 
 
-def _start_behind(surface: Surface, direction: Floats) -> Floats:
+def _start_behind(surface: Surface | LeavingPoints, direction: Floats) -> Floats:
     """Return points (n, 3) outside the error bound, on the side that rays leave from."""
     normal = surface.geometric_normal
     return spawn_origin(surface, np.where(dot(normal, direction)[:, np.newaxis] >= 0, -normal, normal))
 
 
-def _describe_departure(surface: Surface, origins: Floats, direction: Floats) -> Departure:
+def _describe_departure(surface: Surface | LeavingPoints, origins: Floats, direction: Floats) -> Departure:
     """Return the Departure of rays that start behind all that lies at their place.
 
     They leave the place where they are as far beyond the surface as they start before it: at t = 2 depth / |d . n|, to
@@ -288,6 +319,24 @@ def _describe_departure(surface: Surface, origins: Floats, direction: Floats) ->
         reach = np.where(cosine == 0, 0.0, 2 * depth / np.abs(cosine))
     key = np.where(surface.layer >= STOPPING, LEFT_BEHIND, turn_layers(surface.layer, cosine <= 0))
     return Departure(key, surface.approach, reach)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LeavingPoints:
+    """What rays that leave n points of a surface need to know of it; fields as of Surface."""
+
+    position: Vectors
+    position_error: Numbers
+    geometric_normal: Vectors
+    layer: NDArray[np.int64] | None = None
+    approach: Vectors | None = None
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def select(self, rows: Any) -> LeavingPoints:
+        """Return some of the points: index or boolean array, or slice."""
+        return select_rows(self, rows)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -337,3 +386,8 @@ class Surface:
     def select(self, rows: Any) -> Surface:
         """Return some of the points: index or boolean array."""
         return select_rows(self, rows)
+
+    def leave(self, rows: Any) -> LeavingPoints:
+        """Return what rays need to know that leave some of the points: index or boolean array, or slice."""
+        whole = (self.position, self.position_error, self.geometric_normal, self.layer, self.approach)
+        return LeavingPoints(*whole).select(rows)

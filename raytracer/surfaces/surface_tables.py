@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import lay_columns
+from raytracer.arrays.rows import join_columns, lay_columns, take_rows
 from raytracer.arrays.types import Floats, Integers
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import Geometry, split_id, world_corners
@@ -59,7 +59,7 @@ class Triangles:
 
     def select(self, rows: NDArray[np.int64]) -> Triangles:
         """Return some of the triangles: index array."""
-        a, b, c, normal = (lay_columns(values.take(rows, axis=0)) for values in (self.a, self.b, self.c, self.normal))
+        a, b, c, normal = (take_rows(values, rows) for values in (self.a, self.b, self.c, self.normal))
         return Triangles(a, b, c, normal, self.error.take(rows))
 
 
@@ -139,9 +139,19 @@ def _first_entries(counts: list[int]) -> NDArray[np.int64]:
 
 
 def _cofactors(matrices: Floats) -> Floats:
-    """Return det(M) M^-T of (i, 3, 3) matrices, which also exists where M flattens: rows b x c, c x a, a x b."""
+    """Return det(M) M^-T of (i, 3, 3) matrices, which also exists where M flattens: rows b x c, c x a, a x b.
+
+    In memory the elements of all matrices lie one after the other, as columns do.
+    """
     a, b, c = matrices[:, 0], matrices[:, 1], matrices[:, 2]
-    return np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=1)
+    elements = np.stack([column for row in (cross(b, c), cross(c, a), cross(a, b)) for column in row.T])
+    return np.moveaxis(elements.reshape(3, 3, -1), -1, 0)
+
+
+def turn_normals(tables: SurfaceTables, instance: Integers, normals: Floats) -> Floats:
+    """Return normals (n, 3) of instances (n,) in world space, of any length."""
+    matrices = tables.normal_from_object
+    return join_columns(*(dot(take_rows(matrices[:, row], instance), normals) for row in range(3)))
 
 
 def pack_corners(scene: Scene, values_of: Callable[[Mesh], Floats | None], width: int) -> CornerTable:
@@ -181,7 +191,9 @@ def _measure_all_triangles(geometry: Geometry, mirrored: NDArray[np.bool_]) -> T
     count = int(geometry.first_id[len(geometry.instance_mesh)])
     if count > LARGEST_TABLE:
         return None
-    return measure_triangles(geometry, mirrored, *split_id(geometry, np.arange(count)))
+    found = measure_triangles(geometry, mirrored, *split_id(geometry, np.arange(count)))
+    a, b, c, normal = map(lay_columns, (found.a, found.b, found.c, found.normal))
+    return Triangles(a, b, c, normal, found.error)
 
 
 def interpolate(weights: Floats, a: Floats, b: Floats, c: Floats) -> Floats:

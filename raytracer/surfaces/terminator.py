@@ -32,7 +32,7 @@ from raytracer.casting.geometry import world_corners
 from raytracer.lecture import dot
 from raytracer.scene.scene import Scene
 from raytracer.surfaces.surface import Surface
-from raytracer.surfaces.surface_tables import SurfaceTables
+from raytracer.surfaces.surface_tables import SurfaceTables, turn_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +112,7 @@ def find_smooth_offset(tables: SurfaceTables, surface: Surface, geometric: Float
     table, mesh = tables.normals, tables.geometry.instance_mesh[instance]
     local = table.values[table.rows[table.first[mesh] + primitive]]  # (k, 3 corners, 3)
     turn = np.where(tables.mirrored[instance], -1.0, 1.0)[:, np.newaxis]
-    matrices = tables.normal_from_object[instance]
-    normals = [turn * normalize(dot(matrices, local[:, np.newaxis, corner])) for corner in range(3)]
+    normals = [turn * normalize(turn_normals(tables, instance, local[:, corner])) for corner in range(3)]
     second, third = surface.barycentric.T
     weights = (1.0 - second - third, second, third)
     point = sum(weight[:, np.newaxis] * corner for weight, corner in zip(weights, corners, strict=True))

@@ -4,13 +4,17 @@ import numpy as np
 import pytest
 
 from raytracer.arrays.rows import (
+    add_rows,
     all_columns,
     any_column,
+    find_sign,
     join_columns,
     largest_column,
     lay_columns,
     make_zeros,
     mean_column,
+    pick_columns,
+    put_rows,
     repeat_column,
     scale_vectors,
     shorten_rows,
@@ -70,3 +74,30 @@ def test_made_vectors_lie_in_columns(rng):
 def test_all_rows_are_a_slice():
     assert shorten_rows(np.arange(4), 4) == slice(None)
     np.testing.assert_array_equal(shorten_rows(np.array([0, 2]), 4), [0, 2])
+
+
+@pytest.mark.parametrize("lay", [lay_columns, np.ascontiguousarray])
+@pytest.mark.parametrize("rows", [np.array([4, 0, 7]), slice(None), slice(1, 3), np.zeros(0, np.intp)], ids=str)
+def test_rows_are_overwritten_as_numpy_does(rng, lay, rows):
+    whole = rng.normal(size=(9, 3))
+    values = rng.normal(size=whole[rows].shape)
+    expected, given = whole.copy(), lay(whole.copy())
+    expected[rows] = values
+    put_rows(given, rows, lay(values))
+    np.testing.assert_array_equal(given, expected)
+    expected[rows] += values
+    add_rows(given, rows, lay(values))
+    np.testing.assert_array_equal(given, expected)
+    expected[rows] = 2.5
+    put_rows(given, rows, 2.5)
+    np.testing.assert_array_equal(given, expected)
+
+
+@pytest.mark.parametrize("lay", [lay_columns, np.ascontiguousarray])
+def test_picked_columns_are_numpys(rng, lay):
+    values, columns = rng.normal(size=(50, 4)), rng.integers(-1, 4, 50)
+    np.testing.assert_array_equal(pick_columns(lay(values), columns), values[np.arange(50), columns])
+
+
+def test_sign_of_a_mask():
+    np.testing.assert_array_equal(find_sign(np.array([True, False])), [1.0, -1.0])
