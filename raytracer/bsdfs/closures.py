@@ -103,6 +103,13 @@ class TiltedDiffuse:
     shape: DiffuseShape | None = None
     transmits: bool = False
 
+    def select(self, rows: Rows) -> TiltedDiffuse:
+        """Return some of the parts."""
+        shape = None if self.shape is None else self.shape.select(rows)
+        return TiltedDiffuse(
+            self.hit[rows], take_rows(self.normal, rows), take_rows(self.albedo, rows), shape, self.transmits
+        )
+
     def evaluate(self, incoming: Floats) -> Floats:
         """Return f cos (m, 3) for light from unit directions (m, 3): albedo max(n . i, 0) / pi if Lambertian."""
         if self.shape is not None:
@@ -145,6 +152,30 @@ class Shading:
 
     def __len__(self) -> int:
         return len(self.normal)
+
+    def select(self, rows: Rows) -> Shading:
+        """Return some of the points, in their order; parts keep their places, also where none is left of them."""
+        number = np.full(len(self), -1)
+        number[rows] = np.arange(len(rows))
+
+        def select_parts(parts: tuple[Any, ...]) -> tuple[Any, ...]:
+            chosen = (part.select(np.flatnonzero(number[part.hit] >= 0)) for part in parts)
+            return tuple(dataclasses.replace(part, hit=number[part.hit]) for part in chosen)
+
+        fields: dict[str, Any] = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
+        for name, value in fields.items():
+            if value is not None:
+                fields[name] = select_parts(value) if isinstance(value, tuple) else take_rows(value, rows)
+        return Shading(**fields)
+
+    def find_receptive(self) -> Booleans:
+        """(n,) True where more than perfect lobes and passages sends light on, so that light samples can be."""
+        receptive = any_column(self.diffuse != 0)
+        for part in self.tilted:
+            receptive[part.hit] = True
+        for lobes in self.lobes:
+            receptive[lobes.hit] |= ~lobes.is_perfect
+        return receptive
 
     @property
     def passage(self) -> Floats:

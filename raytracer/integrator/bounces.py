@@ -37,11 +37,12 @@ def find_ended(counts: Counts, settings: Settings) -> Booleans:
 
 
 def find_finished(integrator: Integrator, paths: Paths) -> Booleans:
-    """Return (n,) True for paths that have used up their bounces; where light samples are told apart, the direct
-    integrator's diffuse reflections only look for what shines."""
+    """Return (n,) True for paths that have used up their bounces; the direct integrator's diffuse reflections, and
+    what media scatter, where they are followed, only look for what shines."""
     ended = find_ended(paths.bounces, integrator.settings)
-    if integrator.told_apart and integrator.settings.integrator == "direct":
-        ended |= (paths.kind & DIFFUSE) > 0
+    if integrator.looks_around and integrator.settings.integrator == "direct":
+        ended |= (paths.kind & (DIFFUSE | TRANSMITTED)) == DIFFUSE
+        ended |= (paths.kind & SCATTERED) > 0
     return ended
 
 

@@ -11,13 +11,8 @@ from functools import partial
 
 import numpy as np
 
-<<<<<<< HEAD
-from raytracer.arrays.rows import mean_column, sum_columns
-from raytracer.arrays.types import Booleans, Floats, Indices, Integers
-=======
 from raytracer.arrays.rows import mean_column, sum_columns, take_rows
-from raytracer.arrays.types import Booleans, Floats, Indices
->>>>>>> de78b95 (Shading moves rows column by column, and lobes hold only what they need)
+from raytracer.arrays.types import Booleans, Floats, Indices, Integers
 from raytracer.bsdfs.bounce_kinds import SCATTERED, describe_kinds
 from raytracer.bsdfs.lobe_colors import sum_lobe_colors
 from raytracer.casting.rays import Hits

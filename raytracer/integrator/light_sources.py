@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import scale_vectors, take_rows
-from raytracer.arrays.types import Counts, Integers, Keys, Masks
+from raytracer.arrays.types import Counts, Indices, Integers, Keys, Masks
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, GLOSSY
 from raytracer.bsdfs.closures import Shading
 from raytracer.lights.environment import (
@@ -82,6 +82,17 @@ class ShadingPoints:
     lift: Lift | None = None
     bounces: Counts | None = None
     picks: dict[Any, Picks] = field(default_factory=dict)
+
+    def select(self, rows: Indices) -> ShadingPoints:
+        """Return some of the points, in their order."""
+        return ShadingPoints(
+            self.surface.select(rows),
+            self.shading.select(rows),
+            self.depths.select(rows),
+            self.sampler.select(rows),
+            self.lift,
+            None if self.bounces is None else self.bounces[rows],
+        )
 
 
 @dataclass(frozen=True, eq=False, slots=True)

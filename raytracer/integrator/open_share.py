@@ -26,7 +26,7 @@ from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.warps import sample_cosine_hemisphere
 from raytracer.scene.fields import SEEN_BY
 from raytracer.shading.light_path import Depths
-from raytracer.surfaces.surface import depart
+from raytracer.surfaces.departing import depart
 
 
 def add_open_share(integrator: Integrator, passes: PathPasses, wave: Wave, sampler: Sampler) -> None:

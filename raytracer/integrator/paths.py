@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import lay_columns, make_zeros, take_rows
+from raytracer.arrays.rows import lay_columns, make_zeros, shorten_rows, take_rows
 from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Indices, Integers, Kinds, Numbers, Vectors
 from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample
@@ -32,7 +32,8 @@ from raytracer.integrator.parts import Parts, start_parts
 from raytracer.integrator.settings import Settings
 from raytracer.lecture import dot, length
 from raytracer.media.stack import MediaStack, join_stacks
-from raytracer.surfaces.surface import Surface, depart
+from raytracer.surfaces.departing import depart, leave
+from raytracer.surfaces.surface import Surface
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -245,29 +246,48 @@ def start_passes(settings: Settings, rays: Rays) -> PathPasses:
 def advance(wave: Wave, sample: BsdfSample) -> Paths:
     """Return the paths of a wave that go on, at the start of their next stretch."""
     alive = np.flatnonzero(sample.alive)
-    old, direction = wave.paths.select(alive), take_rows(sample.direction, alive)
-    kind, straight = sample.kind[alive], sample.goes_straight[alive]
-    surface = wave.surface.select(alive)
-    scattered = ~straight[:, np.newaxis]
-    rays = depart(surface, direction)
-    if straight.any():
-        rays = keep_straight(rays, old.rays, wave.hits.select(alive), straight)
-    going_on = replace(
-        old,
-        rays=rays,
-        throughput=old.throughput * take_rows(sample.weight, alive),
-        kind=np.where(straight, old.kind, kind),
-        bounces=count_bounces(old.bounces, kind),
-        passages=old.passages + find_counted(old.media, surface, straight),
-        scatter_origin=np.where(scattered, surface.position, old.scatter_origin),
-        scatter_normal=np.where(scattered, take_rows(wave.shading.normal, alive), old.scatter_normal),
-        density=np.where(straight, old.density, sample.density[alive]),
-        rarest=np.minimum(old.rarest, sample.density[alive]),
-        scatterer=np.where(straight, old.scatterer, surface.instance),
-        travelled=np.where(straight, wave.hits.distance[alive] * length(old.rays.directions), 0.0),
-        media=None if old.media is None else cross_surfaces(old.media, surface, direction, straight),
+    rows = shorten_rows(alive, len(wave))
+    old, surface = wave.paths, leave(wave.surface, rows)
+    direction, kind, density = take_rows(sample.direction, rows), sample.kind[rows], sample.density[rows]
+    going_on = Paths(
+        row=old.row[rows],
+        rays=depart(surface, direction),
+        throughput=take_rows(old.throughput, rows) * take_rows(sample.weight, rows),
+        kind=kind,
+        bounces=count_bounces(take_rows(old.bounces, rows), kind),
+        passages=old.passages[rows],
+        scatter_origin=surface.position,
+        scatter_normal=take_rows(wave.shading.normal, rows),
+        density=density,
+        rarest=np.minimum(old.rarest[rows], density),
+        scatterer=wave.surface.instance[rows],
+        travelled=np.zeros(len(alive)),
+        portals=None if old.portals is None else old.portals[rows],
     )
+    straight = sample.goes_straight[rows]
+    if straight.any():
+        going_on = go_straight(going_on, wave, alive, straight)
+    if old.media is not None:
+        media = cross_surfaces(old.media.select(alive), wave.surface.select(alive), direction, straight)
+        going_on = replace(going_on, media=media)
     return going_on if sample.portals is None else leave_portals(going_on, wave, sample.portals, alive)
+
+
+def go_straight(going_on: Paths, wave: Wave, rows: Indices, straight: Booleans) -> Paths:
+    """Return paths, those at `rows` (k,) of a wave, of which some go on `straight` (k,), as if nothing had been met."""
+    old, hits = wave.paths.select(rows), wave.hits.select(rows)
+    across = straight[:, np.newaxis]
+    return replace(
+        going_on,
+        rays=keep_straight(going_on.rays, old.rays, hits, straight),
+        kind=np.where(straight, old.kind, going_on.kind),
+        passages=old.passages + find_counted(old.media, wave.surface.material[rows], straight),
+        scatter_origin=np.where(across, old.scatter_origin, going_on.scatter_origin),
+        scatter_normal=np.where(across, old.scatter_normal, going_on.scatter_normal),
+        density=np.where(straight, old.density, going_on.density),
+        scatterer=np.where(straight, old.scatterer, going_on.scatterer),
+        travelled=np.where(straight, hits.distance * length(old.rays.directions), 0.0),
+    )
 
 
 def leave_portals(paths: Paths, wave: Wave, portals: Portals, rows: Indices) -> Paths:
@@ -303,9 +323,9 @@ def emerge(rays: Rays, exits: Vectors) -> Rays:
     return replace(rays, origins=np.where(away[:, np.newaxis], exits, rays.origins), departure=departure)
 
 
-def find_counted(media: MediaStack | None, surface: Surface, straight: Booleans) -> Booleans:
+def find_counted(media: MediaStack | None, material: Integers, straight: Booleans) -> Booleans:
     """Return (n,) True where going straight through a surface counts: not through the mere border of a medium."""
-    return straight if media is None else straight & ~media.index.is_border[surface.material]
+    return straight if media is None else straight & ~media.index.is_border[material]
 
 
 def cross_surfaces(media: MediaStack, surface: Surface, direction: Vectors, straight: Booleans) -> MediaStack:

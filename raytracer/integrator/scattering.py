@@ -11,7 +11,7 @@ import numpy as np
 
 from raytracer.arrays.rows import any_column, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Counts, Floats, Numbers
-from raytracer.bsdfs.bounce_kinds import DIFFUSE, SCATTERED, STRAIGHT, TRANSMITTED, count_bounces
+from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
 from raytracer.integrator.bounces import (
     CERTAIN_BOUNCES,
@@ -20,7 +20,7 @@ from raytracer.integrator.bounces import (
     find_finished,
     survival_probability,
 )
-from raytracer.integrator.direct_light import sample_lights
+from raytracer.integrator.direct_light import light_receptive
 from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_passes import note_scattering, split_paths
 from raytracer.integrator.light_sources import ShadingPoints
@@ -84,7 +84,7 @@ def scatter_by(
     )
     throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
     split = split_paths(passes, paths)
-    shadow_rays = sample_lights(integrator.sources, points, probabilities, throughput, paths.row, split=split)
+    shadow_rays = light_receptive(integrator.sources, points, probabilities, throughput, paths.row, split)
     if integrator.dimensions.medium is not None:
         shadow_rays = immerse_shadows(shadow_rays, wave, sampler, integrator.dimensions.medium)
 
@@ -115,24 +115,6 @@ def count_all(integrator: Integrator, paths: Paths) -> Counts | None:
     return sum_columns(paths.bounces) if integrator.counts_bounces else None
 
 
-<<<<<<< HEAD
-def find_finished(integrator: Integrator, paths: Paths) -> Booleans:
-    """Return (n,) True for paths that have used up their bounces; the direct integrator's diffuse reflections, and
-    what media scatter, where they are followed, only look for what shines."""
-    ended = find_ended(paths.bounces, integrator.settings)
-    if integrator.looks_around and integrator.settings.integrator == "direct":
-        ended |= (paths.kind & (DIFFUSE | TRANSMITTED)) == DIFFUSE
-        ended |= (paths.kind & SCATTERED) > 0
-    return ended
-
-
-def find_closed(integrator: Integrator, paths: Paths) -> Booleans:
-    """Return (n,) True for paths that have gone straight as often as they may: they see emission, and end."""
-    return paths.passages >= max(integrator.settings.transparent_bounces, 1)
-
-
-=======
->>>>>>> de78b95 (Shading moves rows column by column, and lobes hold only what they need)
 def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
     """Return the probabilities of the lobes that paths may go on by.
 

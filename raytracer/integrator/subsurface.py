@@ -38,7 +38,8 @@ from raytracer.integrator.scattering import (
 from raytracer.lecture import dot
 from raytracer.sampling.sampler import Sampler
 from raytracer.shading.materials import make_shading
-from raytracer.surfaces.surface import Surface, make_surface, spawn_origin
+from raytracer.surfaces.departing import spawn_origin
+from raytracer.surfaces.surface import Surface, make_surface
 
 
 def scatter_below(integrator: Integrator, passes: PathPasses, wave: Wave, sampler: Sampler) -> Shaded:

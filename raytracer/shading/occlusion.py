@@ -14,7 +14,7 @@ from raytracer.arrays.vectors import to_world
 from raytracer.sampling.sampler import number_branches
 from raytracer.sampling.warps import sample_cosine_hemisphere
 from raytracer.shading.probes import Probe
-from raytracer.surfaces.surface import depart
+from raytracer.surfaces.departing import depart
 
 
 def find_open(probe: Probe, normal: Floats, reach: Floats, count: int, own: bool) -> Floats:

@@ -18,7 +18,8 @@ from raytracer.casting.rays import Hits, Rays, join_rays
 from raytracer.shading.nodes.inputs import name_of, read_alpha, read_factor, read_vector
 from raytracer.shading.nodes.operation import Array, Operation
 from raytracer.shading.site import Site
-from raytracer.surfaces.surface import Surface, depart, make_surface
+from raytracer.surfaces.departing import depart
+from raytracer.surfaces.surface import Surface, make_surface
 
 # Within a bump, rays leave out what is as near as the places that it compares, and a tenth more.
 BUMP_MARGIN = 1.1

@@ -13,7 +13,8 @@ import raytracer
 from raytracer import lecture
 from raytracer.casting.rays import Rays
 from raytracer.integrator.features import derive_features
-from raytracer.surfaces.surface import make_surface, spawn_origin
+from raytracer.surfaces.departing import spawn_origin
+from raytracer.surfaces.surface import make_surface
 from raytracer.surfaces.surface_tables import make_surface_tables
 from tests import meshes
 from tests.oracle.exact_oracle import pack_scene

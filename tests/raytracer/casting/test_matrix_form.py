@@ -17,7 +17,8 @@ from raytracer.casting.planes import PAIRS_ROUNDINGS, cross_sides, make_lines, m
 from raytracer.casting.primitives import make_primitives
 from raytracer.casting.rays import make_rays
 from raytracer.predicates.rounding import UNIT_ROUNDOFF
-from raytracer.surfaces.surface import make_surface, spawn_origin
+from raytracer.surfaces.departing import spawn_origin
+from raytracer.surfaces.surface import make_surface
 from raytracer.surfaces.surface_tables import make_surface_tables
 
 COUNT = 100

@@ -13,7 +13,7 @@ import raytracer
 from raytracer.casting.brute_force import offer_all
 from raytracer.casting.dense.offer import DenseOffer
 from raytracer.casting.matrix_form import MatrixForm
-from raytracer.surfaces.surface import step_towards
+from raytracer.surfaces.departing import step_towards
 from tests import meshes
 from tests.oracle.judging import assert_same_hits, mesh_scene
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.surfaces.surface import depart, make_surface
+from raytracer.surfaces.departing import depart
+from raytracer.surfaces.surface import make_surface
 from raytracer.surfaces.surface_tables import make_surface_tables
 from tests.forbidding import forbid
 from tests.raytracer.casting.curves.strands_fixtures import SHAPES

@@ -11,7 +11,8 @@ from raytracer.casting.rays import Hits, make_rays
 from raytracer.integrator.features import derive_features
 from raytracer.lecture import barycentric, dot
 from raytracer.surfaces import surface_tables
-from raytracer.surfaces.surface import make_surface, spawn_origin, step_towards
+from raytracer.surfaces.departing import spawn_origin, step_towards
+from raytracer.surfaces.surface import make_surface
 from raytracer.surfaces.surface_tables import make_surface_tables
 from tests import meshes
 
