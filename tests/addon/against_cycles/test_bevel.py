@@ -7,6 +7,7 @@ import pytest
 
 from addon.compare.cycles import metrics
 from addon.compare.cycles.rendering import Request, render_both
+from addon.versions import VERSION
 from blend_scenes import building
 from tests.addon.against_cycles.node_fixtures import add_node
 
@@ -72,7 +73,7 @@ def make_stage(make):
 
 CASES = {
     "diffuse": make_shown,
-    "two samples": lambda: make_shown(samples=2),
+    "two samples": lambda: make_colored(samples=2),
     "wide": lambda: make_shown(samples=16, radius=0.8),
     "bump": lambda: make_shown(bump=True),
     "uncorrected": make_uncorrected,
@@ -82,8 +83,14 @@ CASES = {
 }
 
 
+# Before Blender 5.0 light that grazes bent normals fades in another way.
+FADING = ("diffuse", "wide", "bump", "uncorrected")
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_rounded_normals_agree(name):
+    if name in FADING and VERSION < (5, 0):
+        pytest.skip("bent normals of diffuse closures are compared from Blender 5.0 on")
     scene = make_stage(CASES[name])
     building.add_light("Lamp", "POINT", 300.0, (-1, -2, 4), (0, 0, 0))
     request = Request(*SIZE, SAMPLES, 2, BATCHES, cycles_factor=CYCLES_FACTOR)
