@@ -201,7 +201,9 @@ def _compose(
         of_geometry = make_geometry_source(emitters, links, by_object, by_pair=not aims_at_all)
         if shadow_links is not None:
             of_geometry = replace(of_geometry, blockers_by_object=shadow_links.blockers)
-        sources += [of_geometry] if aims_at_all else pick_geometry(of_geometry)
+        # What catchers show is a quotient of two pictures, whose sources take the same numbers.
+        by_power = aims_at_all or catches_shadows(features, settings)
+        sources += [of_geometry] if by_power else pick_geometry(of_geometry)
     if background is not None:
         sources += make_world_sources(background, features.light_path or is_seen_by_some(seen_by, LOOKING))
     dimensions = allocate_dimensions(

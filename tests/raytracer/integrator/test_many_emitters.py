@@ -20,7 +20,7 @@ NOISE, SAMPLES = (0.15, 0.026), 128
 BESIDE_CAMERA = SEEN_BY_ALL - SEEN_BY["camera"]
 
 
-def make_objects(count=40, linked=False, seen_by=BESIDE_CAMERA, floors=MATERIALS):
+def make_objects(count=40, linked=False, seen_by=BESIDE_CAMERA, floors=MATERIALS, catchers=False):
     """Return a hall (`make_scene`) with so many emissive tetrahedra, of two materials, and a group of balls: the camera
     does not see them, whose borders would be all the noise."""
     scene, rng = make_scene([], materials=floors + SHINING), np.random.default_rng(5)
@@ -36,6 +36,8 @@ def make_objects(count=40, linked=False, seen_by=BESIDE_CAMERA, floors=MATERIALS
     fields = {"seen_by": np.where(np.arange(total) < len(scene.meshes), SEEN_BY_ALL, seen_by)}
     if linked:
         fields |= {"light_set": np.arange(total) % 2, "receivers": 1 + np.arange(total) % 3}
+    if catchers:
+        fields["shadow_catcher"] = np.arange(total) == 0
     placed = raytracer.Instances(np.arange(total), np.tile(np.eye(4), (total, 1, 1)), **fields)
     balls = raytracer.Spheres([(-1, 0.5, 6), (3, 3, 5.0)], [0.3, 0.5], material=3, seen_by=seen_by)
     known = {"materials": scene.materials, "camera": scene.camera}
@@ -67,6 +69,15 @@ def test_rays_that_meet_objects_leave_to_them_what_picking_does_not_bring(monkey
 def test_few_emissive_objects_are_picked_by_power_as_ever(monkeypatch):
     forbid(monkeypatch, "make_light_tree", "pick_lights")
     assert see(make_objects(picked_geometry.MOST_AIMED_AT - 1), 1, samples=1).any()
+
+
+def test_what_catches_shadows_is_lit_by_power(monkeypatch):
+    """The scene and its catchers alone have the same sources."""
+    forbid(monkeypatch, "make_light_tree", "pick_lights")
+    scene = make_objects(catchers=True)
+    integrator = prepare(scene, raytracer.build(scene), Settings())
+    assert integrator.emitter_group is None
+    assert integrator.catchers_only is not None
 
 
 def test_sources_stay_few_however_many_objects_shine():
