@@ -23,7 +23,7 @@ from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
 from raytracer.scene.media import Grid, Volume, VolumeClosure
-from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion, SpheresMotion
+from raytracer.scene.motion import CameraMotion, CurvesMotion, InstanceMotion, MeshMotion, Motion, SpheresMotion
 from raytracer.scene.programs import Aovs, Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_file import load, save
@@ -38,6 +38,7 @@ __all__ = [
     "Caster",
     "Closure",
     "Curves",
+    "CurvesMotion",
     "DaskPool",
     "Film",
     "Grid",

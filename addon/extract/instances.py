@@ -72,7 +72,7 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
             placements.random.append(read_random(instance.random_id) if is_instance else math.nan)
             placements.properties.append(reader.read(instance, part.properties) if part.properties else {})
             if context.tracks is not None:
-                note = context.tracks.note if part.strands is None else context.tracks.pass_over
+                note = context.tracks.note if part.strands is None else context.tracks.note_strands
                 note(instance, source, instancer, part.mesh)
     fill_random(placements.random, [placements.parts[index].name_word for index in placements.part])
     return placements

@@ -27,6 +27,7 @@ from raytracer.film.camera import measure_film_extent
 from .. import versions
 from .camera import read_camera
 from .meshes import Points, extract_points, read_array, read_attribute, read_corners
+from .strand_motion import PlacedStrands, change_shape, read_first_strands
 from .warnings import WarningList
 
 # Cycles takes no more steps of an object, and evaluates the shutter's curve so often.
@@ -35,8 +36,8 @@ CURVE_SIZE = 256
 # Of what the Vector pass tells: the frame before, this one and the next.
 STEPS_OF_NEIGHBORS = 3
 
-# What moves; voxels do so as a whole.
-MOVING_TYPES = ("MESH", "POINTCLOUD", "VOLUME")
+# What moves; voxels, and hair, do so as a whole.
+MOVING_TYPES = ("MESH", "POINTCLOUD", "VOLUME", "CURVES")
 # `session_uid` of the object, its instancer, the kind of data, and which of the instancer's instances it is.
 TrackKey = tuple[int, int, str, tuple[int, ...]]
 # Called with a frame, a whole number, and what is behind its point, to have the depsgraph show it.
@@ -69,6 +70,7 @@ class Track:
     deforms : True where its mesh, or its points, may change their shape
     clouds : its points by time, where they may
     corners : (triangles, 3) corners of faces, where the mesh has normals of its own there
+    strands : of each particle system, the first strand by time
     """
 
     steps: int
@@ -79,6 +81,7 @@ class Track:
     matrices: dict[float, NDArray[np.float64]] = field(default_factory=dict)
     shapes: dict[float, tuple[NDArray[Any], NDArray[Any] | None]] = field(default_factory=dict)
     clouds: dict[float, Points | None] = field(default_factory=dict)
+    strands: dict[float, list[NDArray[np.float64]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ class Tracks:
 
     steps : of all; None takes those of each object, and leaves out those that shall not be blurred
     keys : of each placement, or None; rows : the placement that each of the scene's instances is
-    groups : what the scene's groups of spheres are
+    groups, hair : what the scene's groups of spheres and of curves are
     """
 
     scene: Any
@@ -106,6 +109,7 @@ class Tracks:
     keys: list[TrackKey | None] = field(default_factory=list)
     rows: tuple[int, ...] = ()
     groups: tuple[PlacedPoints, ...] = ()
+    hair: tuple[PlacedStrands, ...] = ()
     undisplaced: tuple[raytracer.Mesh, ...] = ()
     deforming: set[int] = field(default_factory=set)
 
@@ -132,19 +136,34 @@ class Tracks:
         """True where the shutter shows motion, False where only the Vector pass tells of it."""
         return self.steps is None
 
-    def pass_over(self, instance: Any, source: Any, instancer: Any, mesh: int | None) -> None:
-        """Note an instance that stands still: hair."""
-        self.keys.append(None)
+    def note_strands(self, instance: Any, source: Any, instancer: Any, mesh: int | None) -> None:
+        """Note strands, which move with the object that they are or grow on; they tell nothing to the Vector pass."""
+        steps = count_steps(instance.object, instancer) if self.is_blur else 0
+        key = find_key(instance, source, instancer)
+        if steps:
+            track = self.tracks.setdefault(key, Track(steps, False, source.name, True))
+            track.strands[0.0] = read_first_strands(source)
+        self.keys.append(key if steps else None)
 
     def list_times(self) -> set[float]:
         """Return all times at which something has a step, but for the middle."""
         return {time for track in self.tracks.values() for time in list_times(track.steps)} - {0.0}
 
+    def list_matrices(self, row: int, middle: NDArray[np.float64]) -> list[NDArray[np.float64]] | None:
+        """Return the places of a placement at its steps, None where it does not move; a step at which it is not there
+        is as the middle."""
+        key = self.keys[row]
+        if key is None:
+            return None
+        track = self.tracks[key]
+        matrices = [track.matrices.get(time, middle) for time in list_times(track.steps)]
+        return matrices if any((matrix != middle).any() for matrix in matrices) else None
+
     def read(self, depsgraph: Any, time: float) -> None:
         """Read matrices and shapes as the depsgraph shows them at a time."""
         for instance in depsgraph.object_instances:
             shown = instance.object
-            if shown.type not in MOVING_TYPES or not instance.show_self:
+            if shown.type not in MOVING_TYPES or not (instance.show_self or instance.show_particles):
                 continue
             source = instance.instance_object if instance.is_instance else shown
             instancer = instance.parent if instance.is_instance else shown
@@ -155,6 +174,8 @@ class Tracks:
             matrix[3] = (0.0, 0.0, 0.0, 1.0)
             if np.isfinite(matrix).all():
                 track.matrices[time] = matrix
+            if track.strands:
+                track.strands[time] = read_first_strands(source)
             if track.deforms and track.is_mesh:
                 shape = read_shape(shown.data, track.corners)
                 if shape is not None:
@@ -261,14 +282,17 @@ def read_motion(
             cameras[time] = read_camera(camera.evaluated_get(depsgraph), depsgraph.scene_eval.render, WarningList())
     moving = make_camera_motion([cameras[time] for time in camera_times])
     instances, meshes = make_instance_motion(tracks, scene), make_mesh_motion(tracks, scene)
-    spheres = [] if tracks.steps is not None else make_spheres_motion(tracks)
+    spheres, curves = (make_spheres_motion(tracks), make_curves_motion(tracks)) if tracks.is_blur else ([], [])
     warn_points(tracks, warnings)
-    if not (moving or instances or meshes or spheres):
+    for track in tracks.tracks.values():
+        if change_shape(list(track.strands.values())):
+            warnings.add("motion blur of hair that changes its shape is not supported: it moves as a whole", track.name)
+    if not (moving or instances or meshes or spheres or curves):
         return None
     if tracks.steps is not None:
         return raytracer.Motion(moving, instances, meshes)
     shutter_curve, rolling = read_curve(depsgraph.scene.render), versions.read_rolling_shutter(depsgraph.scene)
-    return raytracer.Motion(moving, instances, meshes, spheres, shutter_curve, rolling)
+    return raytracer.Motion(moving, instances, meshes, spheres, curves, shutter_curve, rolling)
 
 
 def make_camera_motion(cameras: list[Any]) -> raytracer.CameraMotion | None:
@@ -304,16 +328,23 @@ def make_instance_motion(tracks: Tracks, scene: raytracer.Scene) -> list[raytrac
 
 
 def make_spheres_motion(tracks: Tracks) -> list[raytracer.SpheresMotion]:
-    """Return the motion of the point clouds that move; a step at which one is not there is as the middle."""
+    """Return the motion of the point clouds that move."""
     motion = []
     for number, group in enumerate(tracks.groups):
-        key, middle = tracks.keys[group.row], group.world_from_object
-        if key is None:
-            continue
-        track = tracks.tracks[key]
-        matrices = [track.matrices.get(time, middle) for time in list_times(track.steps)]
-        if any((matrix != middle).any() for matrix in matrices):
+        matrices = tracks.list_matrices(group.row, group.world_from_object)
+        if matrices is not None:
             motion.append(raytracer.SpheresMotion(number, group.points.centres, group.points.radii, matrices))
+    return motion
+
+
+def make_curves_motion(tracks: Tracks) -> list[raytracer.CurvesMotion]:
+    """Return the motion of the strands that move."""
+    motion = []
+    for number, group in enumerate(tracks.hair):
+        matrices = tracks.list_matrices(group.row, group.world_from_object)
+        if matrices is not None:
+            shape = group.strands.points[np.newaxis], group.strands.radii[np.newaxis]
+            motion.append(raytracer.CurvesMotion(number, *shape, matrices))
     return motion
 
 

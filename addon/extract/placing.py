@@ -17,6 +17,7 @@ from .lights import extract_light
 from .linking import LinkSets, make_link_sets
 from .motion import PlacedPoints
 from .parts import ObjectEntry, ObjectKey, Placements
+from .strand_motion import PlacedStrands
 from .warnings import WarningList
 
 # Rounding that a product of float32 matrices may leave between axes of equal length: a few parts in 2^24.
@@ -28,7 +29,7 @@ class Placed:
     """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres, of curves.
 
     objects : of those, light_objects : of the lights
-    rows : the placements that the instances are; groups : what the spheres are
+    rows : the placements that the instances are; groups, hair : what the spheres and the curves are
     """
 
     instances: raytracer.Instances
@@ -39,6 +40,7 @@ class Placed:
     light_objects: tuple[ObjectKey, ...]
     rows: tuple[int, ...]
     groups: tuple[PlacedPoints, ...]
+    hair: tuple[PlacedStrands, ...]
 
 
 def place_parts(
@@ -57,7 +59,7 @@ def place_parts(
     finite = np.isfinite(matrices).all(axis=(1, 2))  # (i,)
     links = make_link_sets(placements.links, warnings)
     meshes: list[int] = []
-    spheres, groups, curves, lights = [], [], [], []
+    spheres, groups, curves, hair, lights = [], [], [], [], []
     sphere_objects, curve_objects, light_objects = [], [], []
     for row, index in enumerate(placements.part):
         part = placements.parts[index]
@@ -74,6 +76,8 @@ def place_parts(
                 sphere_objects.append(part.object)
             else:
                 curves.append(replace(place_strands(part, matrices[row], warnings), **info))
+                assert part.strands is not None
+                hair.append(PlacedStrands(row, part.strands, matrices[row]))
                 curve_objects.append(part.object)
         elif (light := _place_light(placements, row, matrices[row], warnings)) is not None:
             lights.append(replace(light, receivers=links[index].receivers, blockers=links[index].blockers))
@@ -98,7 +102,7 @@ def place_parts(
     )
     objects = (*(part.object for part in parts), *sphere_objects, *curve_objects)
     records = instances, tuple(spheres), tuple(curves), tuple(lights)
-    return Placed(*records, objects, tuple(light_objects), tuple(meshes), tuple(groups))
+    return Placed(*records, objects, tuple(light_objects), tuple(meshes), tuple(groups), tuple(hair))
 
 
 def _gather_links(links: list[LinkSets]) -> dict[str, NDArray[Any]]:

@@ -109,8 +109,6 @@ def extract_moving(depsgraph: Any, passes: Sequence[str], kept: Kept | None, set
     if is_blurred and "Vector" in passes:
         warnings.add("the Vector pass is empty with motion blur: the picture has the motion already")
     scene = still.scene
-    if is_blurred and scene.curves:
-        warnings.add("hair stands still in motion blur")
     if motion is not None:
         scene = replace(scene, motion=motion) if is_blurred else replace(scene, neighbors=motion)
     return replace(still, scene=scene, warnings=(*still.warnings, *warnings.records))
@@ -155,7 +153,8 @@ def _extract_scene(
         shapes = Shapes(meshes.records, extents, materials.records)
     placed = place_parts(placements, warnings, with_info, shapes)
     if tracks is not None:
-        tracks.rows, tracks.groups, tracks.undisplaced = placed.rows, placed.groups, tuple(meshes.records)
+        tracks.rows, tracks.groups, tracks.hair = placed.rows, placed.groups, placed.hair
+        tracks.undisplaced = tuple(meshes.records)
     records = meshes.records
     if materials is not None and materials.displacements:
         records, displaced = displace_meshes(records, placed.instances, materials.displacements, last.displaced)

@@ -19,7 +19,8 @@ import numpy as np
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import transform
 from raytracer.scene.camera import Camera
-from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion, SpheresMotion
+from raytracer.scene.curves import Curves
+from raytracer.scene.motion import CameraMotion, CurvesMotion, InstanceMotion, MeshMotion, Motion, SpheresMotion
 from raytracer.scene.rigid_motion import find_step, interpolate, interpolate_matrices
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Instances, Mesh, Spheres
@@ -45,14 +46,24 @@ def find_moment(scene: Scene, time: float) -> Scene:
     spheres = list(scene.spheres)
     for group in motion.spheres:
         spheres[group.group] = move_spheres(spheres[group.group], group, time)
+    curves = list(scene.curves)
+    for strands in motion.curves:
+        curves[strands.group] = move_curves(curves[strands.group], strands, time)
     return replace(
-        scene, meshes=meshes, spheres=spheres, instances=instances, camera=camera, motion=None, neighbors=None
+        scene,
+        meshes=meshes,
+        spheres=spheres,
+        curves=curves,
+        instances=instances,
+        camera=camera,
+        motion=None,
+        neighbors=None,
     )
 
 
 def moves_geometry(motion: Motion) -> bool:
     """Return whether more moves than the camera."""
-    return bool(motion.instances or motion.meshes or motion.spheres)
+    return bool(motion.instances or motion.meshes or motion.spheres or motion.curves)
 
 
 def move_camera(camera: Camera, motion: CameraMotion, time: float) -> Camera:
@@ -83,6 +94,17 @@ def move_spheres(spheres: Spheres, motion: SpheresMotion, time: float) -> Sphere
     matrix = interpolate_matrices(motion.world_from_object[:, None], time)[0]
     centres = transform(matrix[:3, :3], motion.centres) + matrix[:3, 3]
     return replace(spheres, centres=centres, radii=motion.radii * abs(np.linalg.det(matrix[:3, :3])) ** (1 / 3))
+
+
+def move_curves(curves: Curves, motion: CurvesMotion, time: float) -> Curves:
+    """Return a group of curves at a time."""
+    matrix = interpolate_matrices(motion.world_from_object[:, None], time)[0]
+    points, radii = motion.points[0], motion.radii[0]
+    if len(motion.points) > 1:
+        points, radii = _interpolate_steps(motion.points, time), _interpolate_steps(motion.radii, time)
+    points = transform(matrix[:3, :3], points) + matrix[:3, 3]
+    radii = radii * abs(np.linalg.det(matrix[:3, :3])) ** (1 / 3)
+    return replace(curves, points=points, radii=radii, world_from_object=matrix)
 
 
 def _interpolate_steps(steps: Floats, time: float) -> Floats:

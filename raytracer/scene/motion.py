@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.arrays.checks import require_range
+from raytracer.scene.curves import Curves
 from raytracer.scene.fields import LARGEST, make_records, set_array, set_count, set_field, set_number
 from raytracer.scene.shapes import Instances, Mesh, Spheres
 
@@ -100,6 +101,31 @@ class SpheresMotion:
 
 
 @dataclass(frozen=True, eq=False)
+class CurvesMotion:
+    """The places and shapes of a group of curves.
+
+    group : int, which of the scene's
+    points, radii : (steps, p, 3) and (steps, p) float64, of its object; a single step where its shape stays the same
+    world_from_object : (steps of its own, 4, 4) float64, affine; radii are scaled by the cube root of its determinant
+    """
+
+    group: int
+    points: Any
+    radii: Any
+    world_from_object: Any
+
+    def __post_init__(self) -> None:
+        set_count(self, "group", "CurvesMotion")
+        points = set_array(self, "points", np.float64, ("s", "p", 3), "CurvesMotion")
+        if not len(points):
+            raise ValueError("CurvesMotion: points: expected 1 or more steps, got 0")
+        require_range(points, -LARGEST, LARGEST, "CurvesMotion: points")
+        radii = set_array(self, "radii", np.float64, points.shape[:2], "CurvesMotion")
+        require_range(radii, 0.0, LARGEST, "CurvesMotion: radii")
+        _set_matrices(self, "world_from_object", ("s", 4, 4), "CurvesMotion")
+
+
+@dataclass(frozen=True, eq=False)
 class Motion:
     """All that moves, and how the shutter opens and closes.
 
@@ -112,13 +138,15 @@ class Motion:
     instances: Any = ()
     meshes: Any = ()
     spheres: Any = ()
+    curves: Any = ()
     shutter: Any = None
     rolling_shutter: float | None = None
 
     def __post_init__(self) -> None:
         if self.camera is not None and not isinstance(self.camera, CameraMotion):
             raise ValueError(f"Motion: camera: expected CameraMotion or None, got {type(self.camera).__name__}")
-        for name, kind in (("instances", InstanceMotion), ("meshes", MeshMotion), ("spheres", SpheresMotion)):
+        kinds = {"instances": InstanceMotion, "meshes": MeshMotion, "spheres": SpheresMotion, "curves": CurvesMotion}
+        for name, kind in kinds.items():
             set_field(self, name, make_records(getattr(self, name), kind, f"Motion: {name}"))
         if self.shutter is not None:
             shutter = set_array(self, "shutter", np.float64, ("k",), "Motion")
@@ -130,9 +158,19 @@ class Motion:
 
 
 def require_fitting(
-    motion: Motion, instances: Instances | None, meshes: Sequence[Mesh], spheres: Sequence[Spheres]
+    motion: Motion,
+    instances: Instances | None,
+    meshes: Sequence[Mesh],
+    spheres: Sequence[Spheres],
+    curves: Sequence[Curves],
 ) -> None:
     """Raise ValueError unless what moves is in the scene, and mesh for mesh, group for group as large."""
+    for strands in motion.curves:
+        if strands.group >= len(curves):
+            raise ValueError(f"Motion: curves: expected groups below {len(curves)}, got {strands.group}")
+        expected, found = len(curves[strands.group].points), strands.points.shape[1]
+        if found != expected:
+            raise ValueError(f"Motion: curves {strands.group}: points: expected {expected} of them, got {found}")
     for group in motion.spheres:
         if group.group >= len(spheres):
             raise ValueError(f"Motion: spheres: expected groups below {len(spheres)}, got {group.group}")

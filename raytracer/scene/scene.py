@@ -98,7 +98,7 @@ class Scene:
                     f"{len(self.materials)} materials, got {highest}"
                 )
         for motion in filter(None, (self.motion, self.neighbors)):
-            require_fitting(motion, self.instances, self.meshes, self.spheres)
+            require_fitting(motion, self.instances, self.meshes, self.spheres, self.curves)
         if self.light_groups is not None:
             for name, count in (("lights", len(self.lights)), ("objects", self.instance_count + len(self.groups))):
                 found = len(getattr(self.light_groups, name))

@@ -19,7 +19,7 @@ from raytracer.scene.light_groups import LightGroups
 from raytracer.scene.lights import AreaLight, LightNodes, PointLight, SpotLight, SunLight, World
 from raytracer.scene.materials import Closure, Material
 from raytracer.scene.media import Grid, Volume, VolumeClosure
-from raytracer.scene.motion import CameraMotion, InstanceMotion, MeshMotion, Motion, SpheresMotion
+from raytracer.scene.motion import CameraMotion, CurvesMotion, InstanceMotion, MeshMotion, Motion, SpheresMotion
 from raytracer.scene.programs import Aovs, Image, Program, Register, Step, TiledImage
 from raytracer.scene.scene import Scene
 from raytracer.scene.shapes import Instances, Mesh, Spheres
@@ -31,7 +31,7 @@ RECORDS = {
     for record in (
         *(Mesh, Spheres, Curves, Instances, Closure, Material, PointLight, SpotLight, SunLight, AreaLight),
         *(LightNodes, World, Camera, Panorama, Scene, LightGroups, Aovs, Program, Step, Register, Image, TiledImage),
-        *(Motion, CameraMotion, InstanceMotion, MeshMotion, SpheresMotion),
+        *(Motion, CameraMotion, CurvesMotion, InstanceMotion, MeshMotion, SpheresMotion),
         *(Volume, VolumeClosure, Grid),
     )
 }

@@ -128,6 +128,25 @@ def test_spheres_go_with_their_object():
     np.testing.assert_array_equal(find_moment(scene, 0.0).spheres[0].centres, spheres.centres)
 
 
+def test_curves_go_with_their_object_and_change_their_shape():
+    """Half of a quarter turn, of an object that grows to twice its size, while a tip rises by 1 and gets thinner."""
+    points = np.array([[[1.0, 0.0, 0.0], [1.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [1.0, 0.0, 2.0]]])
+    radii = np.array([[0.2, 0.1], [0.2, 0.0]])
+    steps = np.array([place(np.eye(3), (5, 0, 0)), place(2.0 * rotate(np.pi / 2), (7, 0, 0))])
+    curves = raytracer.Curves(points[0] + np.array([5.0, 0.0, 0.0]), radii[0], [0, 2], name="Hair")
+    motion = raytracer.Motion(curves=raytracer.CurvesMotion(0, points, radii, steps))
+    scene = raytracer.Scene(curves=curves, motion=motion)
+    assert moves_geometry(motion)
+    moment = find_moment(scene, 0.5).curves[0]
+    root = 1.5 * np.sqrt(0.5)
+    np.testing.assert_allclose(moment.points, [[6 + root, root, 0], [6 + root, root, 1.5 * 1.5]], atol=1e-14)
+    np.testing.assert_allclose(moment.radii, [0.3, 0.075], rtol=1e-14)
+    assert (moment.name, moment.world_from_object[0, 3]) == ("Hair", 6.0)
+    still = raytracer.Motion(curves=raytracer.CurvesMotion(0, points[:1], radii[:1], steps))
+    rigid = find_moment(raytracer.Scene(curves=curves, motion=still), 0.5).curves[0]
+    np.testing.assert_allclose(rigid.points[1], [6 + root, root, 1.5], atol=1e-14)
+
+
 def test_the_film_of_a_zooming_camera_grows_linearly():
     """As in Cycles, which interpolates the film's points, of three steps."""
     still = np.tile(np.eye(4), (3, 1, 1))
@@ -148,6 +167,10 @@ SHAPES = np.zeros((3, 3, 3))
         ({"meshes": raytracer.MeshMotion(0, SHAPES)}, "normals: expected"),
         ({"meshes": raytracer.MeshMotion(0, SHAPES[:, :2], SHAPES)}, "positions: expected"),
         ({"spheres": raytracer.SpheresMotion(0, [(0, 0, 0)], [1.0], MATRICES[:, 0])}, "expected groups below 0"),
+        (
+            {"curves": raytracer.CurvesMotion(0, [[(0, 0, 0)]], [[1.0]], MATRICES[:, 0])},
+            "curves: expected groups below 0",
+        ),
         ({"shutter": [0.0, 0.0]}, "above 0"),
         ({"shutter": [-1.0, 1.0]}, "shutter"),
         ({"rolling_shutter": 2.0}, "rolling_shutter"),
