@@ -19,8 +19,8 @@ from raytracer.processes.python import print_traceback
 from raytracer.processes.workers import WorkerError
 
 from .. import interrupts
-from ..extract.motion import SetFrame
 from ..extract.scene import Extraction, extract_scene
+from ..extract.shutter import SetFrame
 from ..extract.warnings import Warning
 from ..passes import declare_passes, enabled_passes
 from ..properties import ENGINE, settings_keywords

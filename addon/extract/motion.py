@@ -12,9 +12,6 @@ blender/mesh.cpp (sync_mesh_motion), blender/camera.cpp (sync_camera_motion), sc
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,12 +24,12 @@ from raytracer.film.camera import measure_film_extent
 from .. import versions
 from .camera import read_camera
 from .meshes import Points, extract_points, read_array, read_attribute, read_corners
+from .shutter import SetFrame, Shutter, read_curve
 from .strand_motion import PlacedStrands, change_shape, read_first_strands
 from .warnings import WarningList
 
-# Cycles takes no more steps of an object, and evaluates the shutter's curve so often.
+# Cycles takes no more steps of an object.
 MOST_STEPS = 129
-CURVE_SIZE = 256
 # Of what the Vector pass tells: the frame before, this one and the next.
 STEPS_OF_NEIGHBORS = 3
 
@@ -40,26 +37,6 @@ STEPS_OF_NEIGHBORS = 3
 MOVING_TYPES = ("MESH", "POINTCLOUD", "VOLUME", "CURVES")
 # `session_uid` of the object, its instancer, the kind of data, and which of the instancer's instances it is.
 TrackKey = tuple[int, int, str, tuple[int, ...]]
-# Called with a frame, a whole number, and what is behind its point, to have the depsgraph show it.
-SetFrame = Callable[[int, float], None]
-
-
-@dataclass(frozen=True)
-class Shutter:
-    """When the shutter is open.
-
-    frame, subframe : the scene's; offset : frames from there to the middle of the time; length : frames that it takes
-    """
-
-    frame: int
-    subframe: float
-    offset: float
-    length: float
-
-    def find_frame(self, time: float) -> tuple[int, float]:
-        """Return frame and subframe at a time, -1 where the shutter opens to 1 where it closes."""
-        at = self.frame + self.subframe + self.offset + time * self.length / 2.0
-        return math.floor(at), at - math.floor(at)
 
 
 @dataclass
@@ -228,38 +205,6 @@ def read_shape(mesh: Any, corners: NDArray[np.int32] | None) -> tuple[NDArray[An
         normals = read_array(mesh.vertex_normals, "vector", np.float32, 3)
     finite = np.isfinite(positions).all() and (normals is None or np.isfinite(normals).all())
     return (positions, normals) if finite else None
-
-
-def read_shutter(scene: Any) -> Shutter:
-    """Return when a scene's shutter is open."""
-    length = scene.render.motion_blur_shutter
-    offset = {"START": 0.5, "CENTER": 0.0, "END": -0.5}[versions.read_shutter_position(scene)] * length
-    return Shutter(scene.frame_current, scene.frame_subframe, offset, length)
-
-
-def span_neighbors(scene: Any) -> Shutter:
-    """Return a shutter that is open from the frame before to the next one, for the Vector pass."""
-    return Shutter(scene.frame_current, scene.frame_subframe, 0.0, 2.0)
-
-
-def read_curve(render: Any) -> NDArray[np.float64] | None:
-    """Return how far the shutter is open, (CURVE_SIZE,); None where that never changes, or it never opens."""
-    curve = render.motion_blur_shutter_curve
-    curve.initialize()
-    places = np.linspace(0.0, 1.0, CURVE_SIZE).tolist()
-    values = np.abs([curve.evaluate(curve.curves[0], place) for place in places])
-    return None if (values == values[0]).all() else values
-
-
-@contextmanager
-def opened_shutter(shutter: Shutter, set_frame: SetFrame) -> Iterator[None]:
-    """Set the depsgraph to the middle of the shutter's time, and afterwards to the frame that it showed."""
-    try:
-        if shutter.offset:
-            set_frame(*shutter.find_frame(0.0))
-        yield
-    finally:
-        set_frame(shutter.frame, shutter.subframe)
 
 
 def read_motion(

@@ -23,18 +23,11 @@ from .instances import walk_instances
 from .kept import Kept
 from .left_out import warn_missing
 from .mesh_table import MeshTable
-from .motion import (
-    STEPS_OF_NEIGHBORS,
-    SetFrame,
-    Tracks,
-    opened_shutter,
-    read_motion,
-    read_shutter,
-    span_neighbors,
-)
+from .motion import STEPS_OF_NEIGHBORS, Tracks, read_motion
 from .parts import Context, ObjectKey
 from .placing import place_parts
 from .shaders.material_table import MaterialTable
+from .shutter import SetFrame, opened_shutter, read_shutter, span_neighbors
 from .strands import shows_thick
 from .warnings import Warning, WarningList
 from .world import extract_world

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from addon import versions
-from addon.extract import motion
+from addon.extract import motion, shutter
 from addon.extract.scene import extract_scene
 from raytracer.scene.moments import find_moment
 from tests.addon.extract.test_instances import add_nodes_modifier
@@ -220,7 +220,7 @@ def test_curve_and_rolling_shutter_are_read(stage: Any, shown: Any) -> None:
     stage.cycles.rolling_shutter_type, stage.cycles.rolling_shutter_duration = "TOP", 0.25
     moving = read(stage)[0].scene.motion
     assert moving.rolling_shutter == 0.25
-    expected = 1.0 - np.abs(2.0 * np.linspace(0.0, 1.0, motion.CURVE_SIZE) - 1.0)
+    expected = 1.0 - np.abs(2.0 * np.linspace(0.0, 1.0, shutter.CURVE_SIZE) - 1.0)
     assert np.abs(moving.shutter - expected).max() < 0.02
 
 
