@@ -25,6 +25,7 @@ FLOORS = {
             "media",
             "shading",
             "lights",
+            "caustics",
             "integrator",
             "rendering",
             "commands",

@@ -69,7 +69,7 @@ def _tangent_excess(angle: float) -> float:
     return angle * square * (1 / 3 + square * (2 / 15 + square * (17 / 315 + square * 62 / 2835)))
 
 
-def _area_radiance(light: AreaLight, cosine: Floats) -> Floats:
+def area_radiance(light: AreaLight, cosine: Floats) -> Floats:
     """P / (pi A), dimmed by the spread: (n, 3)."""
     return scale_vectors(light.power / (np.pi * area_of(light))[..., np.newaxis], area_spread_factor(light, cosine))
 
@@ -109,7 +109,7 @@ def sample_area(light: AreaLight, positions: Floats, pair: Floats) -> LightSampl
     direction, distance = normalize(way), length(way)
     cosine = -dot(direction, axis)
     density = np.where(lit, _area_density(light, low, high, distance, cosine, solid_angle), 0.0)
-    return LightSamples(direction, distance, divide_rows(_area_radiance(light, cosine), density), density)
+    return LightSamples(direction, distance, divide_rows(area_radiance(light, cosine), density), density)
 
 
 def _relative(light: AreaLight, positions: Floats) -> Floats:
@@ -167,4 +167,4 @@ def evaluate_area(light: AreaLight, origins: Floats, directions: Floats) -> Ligh
         solid_angle = rectangle_solid_angle(_relative(light, take_rows(origins, rows)), low, high)
     cosine = -dot(take_rows(directions, rows), axis)
     density = _area_density(light, low, high, distance, cosine, solid_angle)
-    return place_hits(rows, len(origins), distance, _area_radiance(light, cosine), density)
+    return place_hits(rows, len(origins), distance, area_radiance(light, cosine), density)

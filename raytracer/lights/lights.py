@@ -83,7 +83,7 @@ def has_radius(light: PointLight) -> bool:
 # Point and spot ------------------------------------------------------------------------------------------------------
 
 
-def _point_radiance(light: PointLight, directions: Floats) -> Floats:
+def point_radiance(light: PointLight, directions: Floats) -> Floats:
     """Return what leaves the light against `directions` (n, 3), dimmed by a spot's cone.
 
     The radiance P / (4 pi r^2) / pi of a ball or a facing disk of radius r, the intensity P / (4 pi) where r = 0.
@@ -125,7 +125,7 @@ def _sample_facing_disk(light: PointLight, positions: Floats, pair: Floats) -> L
         disk = np.asarray(light.radius)[..., np.newaxis] * sample_disk(pair)
         target = target + to_world(join_columns(*disk.T, np.zeros(len(disk))), towards)
     direction, distance = normalize(target - positions), length(target - positions)
-    radiance = _point_radiance(light, direction)
+    radiance = point_radiance(light, direction)
     if not has_radius(light):
         samples = without_extent(direction, distance, divide_rows(radiance, distance * distance))
         return dataclasses.replace(samples, target=target, reach=np.ones(len(target)))
@@ -142,7 +142,7 @@ def _evaluate_facing_disk(light: PointLight, origins: Floats, directions: Floats
     projected_area = np.pi * light.radius**2 * np.where(hit, dot(towards, directions), 1.0)
     distance = np.where(hit, distance, np.inf)
     density = np.where(hit, distance, 0.0) ** 2 / projected_area
-    return miss_where(~hit, distance, _point_radiance(light, directions), density)
+    return miss_where(~hit, distance, point_radiance(light, directions), density)
 
 
 def _sample_ball(light: PointLight, positions: Floats, pair: Floats) -> LightSamples:
@@ -160,7 +160,7 @@ def _sample_ball(light: PointLight, positions: Floats, pair: Floats) -> LightSam
 
 def _ball_radiance(light: PointLight, directions: Floats, outside: Booleans) -> Floats:
     """A spot's cone does not dim what is seen from inside its ball, as in Cycles."""
-    radiance = _point_radiance(light, directions)
+    radiance = point_radiance(light, directions)
     if isinstance(light, SpotLight):
         full = light.power / np.asarray(4.0 * np.pi * np.square(light.radius) * np.pi)[..., np.newaxis]
         radiance = np.where(outside[:, np.newaxis], radiance, full)

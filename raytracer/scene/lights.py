@@ -34,7 +34,7 @@ def check_shared_fields(light: Any) -> str:
     """Check what all lights have; return how messages name the light."""
     require_text(light.name, f"{type(light).__name__}: name")
     label = f"{type(light).__name__} {light.name!r}"
-    set_flags(light, ("cast_shadow", "shadow_catcher"), label)
+    set_flags(light, ("cast_shadow", "shadow_catcher", "caustics"), label)
     set_seen_by(light, label)
     set_linked_sets(light, label)
     if light.max_bounces is not None:
@@ -79,6 +79,7 @@ class PointLight:
     blockers : the sets of objects that shadow its light, as bits: 1 << shadow_set. So for all lights
     max_bounces : it lights nothing that a path has bounced to more often; None without limit. So for all lights
     nodes : LightNodes, or None for an even light. So for all lights
+    caustics : True for a light that is looked for through objects that cast caustics. So for all lights
     """
 
     position: Any
@@ -93,6 +94,7 @@ class PointLight:
     blockers: int = ALL_SETS
     max_bounces: int | None = None
     nodes: LightNodes | None = None
+    caustics: bool = False
 
     def __post_init__(self) -> None:
         label = check_shared_fields(self)
@@ -149,6 +151,7 @@ class SunLight:
     blockers: int = ALL_SETS
     max_bounces: int | None = None
     nodes: LightNodes | None = None
+    caustics: bool = False
 
     def __post_init__(self) -> None:
         label = check_shared_fields(self)
@@ -187,6 +190,7 @@ class AreaLight:
     blockers: int = ALL_SETS
     max_bounces: int | None = None
     nodes: LightNodes | None = None
+    caustics: bool = False
 
     def __post_init__(self) -> None:
         label = check_shared_fields(self)

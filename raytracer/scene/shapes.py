@@ -169,6 +169,8 @@ class Instances:
     random : (i,) float64, 0 to 1, and color : (i, 4) float64, for programs that read them; None = 0, white
     properties : by name, (i, 4) float64, color and alpha, what programs read of each instance besides
     volume_density : (i,) float64, factor of all that its volume absorbs, scatters and emits; None = 1
+    caustics_caster, caustics_receiver : (i,) bool, True for what bends light of lights that make caustics, where it is
+        a smooth mesh of clear glass, and for what that light is looked for on; None = False
     """
 
     mesh: Any
@@ -187,6 +189,8 @@ class Instances:
     terminator_shading: Any = None
     properties: Mapping[str, Any] = field(default_factory=dict)
     volume_density: Any = None
+    caustics_caster: Any = None
+    caustics_receiver: Any = None
 
     def __post_init__(self) -> None:
         count = len(set_array(self, "mesh", np.int32, ("i",), "Instances"))
@@ -217,6 +221,9 @@ class Instances:
         if self.seen_by is not None:
             mask = set_array(self, "seen_by", np.int32, (count,), "Instances")
             require_range(mask, 0, SEEN_BY_ALL, "Instances: seen_by")
+        for name in ("caustics_caster", "caustics_receiver"):
+            if getattr(self, name) is not None:
+                set_array(self, name, np.bool_, (count,), "Instances")
         for name in ("light_set", "shadow_set"):
             require_range(getattr(self, name), 0, SET_COUNT - 1, f"Instances: {name}")
         for name in ("receivers", "blockers"):

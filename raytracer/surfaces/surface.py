@@ -59,15 +59,12 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
     is_triangle = tables.geometry.belongs_to_kind(hits.instance, Kind.TRIANGLE)
     strands = None
     if is_triangle.all():
-        position, error, normal, shading = _triangle_surface(tables, hits)
+        position, error, normal, shading = describe_triangles(tables, hits)
     else:
         strands = find_curve_points(tables.geometry, rays, hits)
         position, error, normal, shading = _mixed_surface(tables, rays, hits, is_triangle, strands)
     outgoing = -normalize(lay_columns(rays.directions))
     layer = _find_tied_layers(tables, hits)
-    material = tables.material[
-        tables.material_first[hits.instance] + tables.material_step[hits.instance] * hits.primitive
-    ]
     return Surface(
         position=position,
         position_error=error * tables.roundoff,
@@ -75,7 +72,7 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
         shading_normal=normal if tables.normals is None and strands is None else shading,
         outgoing=outgoing,
         front=dot(normal, outgoing) >= 0,
-        material=material,
+        material=find_material(tables, hits),
         instance=hits.instance,
         primitive=hits.primitive,
         uv=None if tables.uvs is None else _interpolate_uvs(tables, hits, is_triangle),
@@ -84,6 +81,12 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
         approach=None if layer is None else _find_approach(rays, hits, outgoing),
         **({} if tables.geometry.strands is None else describe_strands(strands, hits)),
     )
+
+
+def find_material(tables: SurfaceTables, hits: Hits) -> Integers:
+    """Return the indices (n,) of the materials that rays hit."""
+    first, step = tables.material_first[hits.instance], tables.material_step[hits.instance]
+    return tables.material[first + step * hits.primitive]
 
 
 def _find_tied_layers(tables: SurfaceTables, hits: Hits) -> NDArray[np.int64] | None:
@@ -108,8 +111,9 @@ def _find_approach(rays: Rays, hits: Hits, outgoing: Floats) -> Floats:
 _PointParts = tuple[Floats, Floats, Floats, Floats]
 
 
-def _triangle_surface(tables: SurfaceTables, hits: Hits) -> _PointParts:
-    """Return position (n, 3), its error (n,), geometric and shading normal (n, 3) where triangles are hit."""
+def describe_triangles(tables: SurfaceTables, hits: Hits) -> _PointParts:
+    """Return position (n, 3), its error (n,) in float64's arithmetic, geometric and shading normal (n, 3) where
+    triangles are hit."""
     position, error, normal = _triangle_points(tables, hits.instance, hits.primitive, hits.barycentric)
     shading = _interpolate_normals(tables, hits.instance, hits.primitive, hits.barycentric, normal)
     return position, error, normal, shading
@@ -118,12 +122,12 @@ def _triangle_surface(tables: SurfaceTables, hits: Hits) -> _PointParts:
 def _mixed_surface(
     tables: SurfaceTables, rays: Rays, hits: Hits, is_triangle: NDArray[np.bool_], strands: CurvePoints | None
 ) -> _PointParts:
-    """Return what `_triangle_surface` does where some of the hits, or all, are spheres or curves."""
+    """Return what `describe_triangles` does where some of the hits, or all, are spheres or curves."""
     position, normal, shading = (make_zeros(len(hits)) for _ in range(3))
     error = np.empty(len(hits))
     flat, round_ = np.flatnonzero(is_triangle), np.flatnonzero(~is_triangle)
     if len(flat):
-        found = _triangle_surface(tables, hits.select(flat))
+        found = describe_triangles(tables, hits.select(flat))
         _put_points((position, error, normal, shading), flat, found)
     if strands is not None:
         found = (strands.position, strands.error, strands.geometric_normal, strands.shading_normal)
