@@ -172,7 +172,8 @@ def transmit(surface: Surface, shading: Shading) -> Colors:
     for lobes in shading.lobes:
         if isinstance(lobes, Microfacets):
             passed = evaluate_fresnel(lobes, np.minimum(cosine[lobes.hit], 1.0))[1]
-            share[lobes.hit] += lobes.weight * passed
+            if passed is not None:
+                share[lobes.hit] += lobes.weight * passed
     return share
 
 

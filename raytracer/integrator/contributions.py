@@ -169,6 +169,8 @@ def add_visible_light(
     passed &= meet_lights(paths.kind, light.seen_by)
     if integrator.links is not None:
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
+    if integrator.caustics is not None:
+        passed &= ~integrator.caustics.leaves(light, paths)
     if light.blockers != ALL_SETS:
         passed &= paths.direct  # `shadow_linking` sees to what others meet
     rows = np.flatnonzero(passed)

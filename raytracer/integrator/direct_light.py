@@ -19,7 +19,8 @@ from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.bsdf import evaluate_bsdf, evaluate_diffuse, evaluate_lobes, includes_diffuse
 from raytracer.bsdfs.closures import Shading
 from raytracer.casting.rays import Rays
-from raytracer.integrator.light_sources import OTHER, LightSource, ShadingPoints
+from raytracer.integrator.caustics import WaveCaustics
+from raytracer.integrator.light_sources import ALONE, OTHER, KeyedSamples, LightSource, ShadingPoints
 from raytracer.integrator.parts import Parts, Split
 from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.lecture import length
@@ -39,6 +40,7 @@ def light_receptive(
     throughput: Floats,
     row: Indices,
     split: Split | None,
+    caustics: WaveCaustics | None,
 ) -> list[ShadowRays]:
     """Do what `sample_lights` does, of what arguments it has, without the points that would send nothing on of what
     it samples: perfect mirrors, clear glass, the ends of paths."""
@@ -48,7 +50,8 @@ def light_receptive(
     if len(rows) < (1.0 - LEAST_LEFT_OUT) * len(row):
         points, row, split = points.select(rows), row[rows], None if split is None else split.select(rows)
         probabilities, throughput = take_rows(probabilities, rows), take_rows(throughput, rows)
-    return sample_lights(sources, points, probabilities, throughput, row, split=split)
+        caustics = None if caustics is None else caustics.select(rows)
+    return sample_lights(sources, points, probabilities, throughput, row, split=split, caustics=caustics)
 
 
 def sample_lights(
@@ -59,6 +62,7 @@ def sample_lights(
     row: Indices,
     all_rays: bool = False,
     split: Split | None = None,
+    caustics: WaveCaustics | None = None,
 ) -> list[ShadowRays]:
     """The light loop: return shadow rays from n points to one sample of every source, with the light they would bring.
 
@@ -69,33 +73,60 @@ def sample_lights(
     row : (n,) int64, the points' rows of the batch
     all_rays : True for rays to sources that throw no shadows, too
     split : how the light of the n points is split among the passes of light; None splits nothing
+    caustics : bends light of some sources on its way to the points; None where nothing does
     """
     shadow_rays = []
     for number, source in enumerate(sources):
         found = source.sample(replace(points, sampler=points.sampler.skip(source.dimension)))
+        bent = None
+        if caustics is not None:
+            bent = caustics.bend(source, points, found.light)
+            found = replace(found, light=caustics.leave_out(source, points, found.light))
         if source.share != 1.0:
             found = replace(found, light=replace(found.light, density=source.share * found.light.density))
-        seen_by = source.seen_by if found.seen_by is None else found.seen_by
-        reflect = reflect_seen if source.cast_as == SEEN_BY["shadow"] else reflect_as_rays
-        light = reflect(points.shading, probabilities, found.light, seen_by) * throughput
-        if source.max_bounces is not None:
-            assert points.bounces is not None
-            light[points.bounces > source.max_bounces] = 0.0
-        lit = np.flatnonzero((found.light.density > 0) & any_column(light != 0))
-        lifts = source.kind != OTHER
-        rays = _aim(points, found.light, lit, lifts) if source.cast_shadow or all_rays else None
-        depths, key = points.depths.select(lit), found.key[lit]
-        light = take_rows(light, lit)
-        of_parts = None
-        if split is not None:
-            reflect_part = partial(reflect, points.shading, probabilities, found.light, seen_by)
-            of_parts = _split_light(split.select(lit), light, reflect_part, throughput, lit)
-        how = (source.unstopped, source.cast_as)
-        rays_of = partial(ShadowRays, row[lit], light, key, depths, rays, number, *how)
-        group = source.light_group if found.light_group is None else found.light_group[lit]
-        blockers = source.blockers if found.blockers is None else found.blockers[lit]
-        shadow_rays.append(rays_of(chance=source.chance, split=of_parts, light_group=group, blockers=blockers))
+        lit = partial(_light_points, number, source, points, probabilities, throughput, row, split)
+        shadow_rays.append(lit(found, all_rays))
+        if bent is not None:
+            alone = np.full(len(points.surface), ALONE, np.int32)
+            shadow_rays.append(lit(replace(found, light=bent.light, key=alone), all_rays, bent.aim))
     return shadow_rays
+
+
+def _light_points(
+    number: int,
+    source: LightSource,
+    points: ShadingPoints,
+    probabilities: Floats,
+    throughput: Floats,
+    row: Indices,
+    split: Split | None,
+    found: KeyedSamples,
+    all_rays: bool,
+    aim: Callable[[Indices], Rays] | None = None,
+) -> ShadowRays:
+    """Return shadow rays to samples of a source; aim : returns those of some of the points; None: they go straight."""
+    seen_by = source.seen_by if found.seen_by is None else found.seen_by
+    reflect = reflect_seen if source.cast_as == SEEN_BY["shadow"] else reflect_as_rays
+    light = reflect(points.shading, probabilities, found.light, seen_by) * throughput
+    if source.max_bounces is not None:
+        assert points.bounces is not None
+        light[points.bounces > source.max_bounces] = 0.0
+    lit, rays = np.flatnonzero((found.light.density > 0) & any_column(light != 0)), None
+    if aim is not None:
+        rays = aim(lit)
+    elif source.cast_shadow or all_rays:
+        rays = _aim(points, found.light, lit, lifts=source.kind != OTHER)
+    depths, key = points.depths.select(lit), found.key[lit]
+    light = take_rows(light, lit)
+    of_parts = None
+    if split is not None:
+        reflect_part = partial(reflect, points.shading, probabilities, found.light, seen_by)
+        of_parts = _split_light(split.select(lit), light, reflect_part, throughput, lit)
+    how = (source.unstopped, source.cast_as)
+    rays_of = partial(ShadowRays, row[lit], light, key, depths, rays, number, *how)
+    group = source.light_group if found.light_group is None else found.light_group[lit]
+    blockers = source.blockers if found.blockers is None else found.blockers[lit]
+    return rays_of(chance=source.chance, split=of_parts, light_group=group, blockers=blockers)
 
 
 def _split_light(

@@ -55,6 +55,7 @@ class Features:
     light_nodes : a light has nodes that vary
     light_bounces : a light or the world has a limit of bounces
     media : a material or the world has a volume
+    caustics : a light, an object that casts caustics of it, and one that receives them are named
     """
 
     smooth_normals: bool
@@ -81,6 +82,7 @@ class Features:
     light_nodes: bool
     light_bounces: bool
     media: bool = False
+    caustics: bool = False
 
 
 def _may(closure: Closure, name: str, predicate: Callable[[Any], Any]) -> bool:
@@ -157,6 +159,12 @@ def _is_any(scene: Scene, name: str) -> bool:
     return placed or any(getattr(group, name) for group in scene.groups)
 
 
+def _is_any_instance(scene: Scene, name: str) -> bool:
+    """True where an instance has a property that all may lack."""
+    values = None if scene.instances is None else getattr(scene.instances, name)
+    return values is not None and bool(values.any())
+
+
 def _links(scene: Scene, name: str) -> bool:
     """True where an emitter names some sets of objects, and not all."""
     records = any(getattr(record, name) != ALL_SETS for record in (*scene.lights, *scene.groups))
@@ -195,4 +203,7 @@ def derive_features(scene: Scene) -> Features:
         light_nodes=any(light.nodes is not None for light in scene.lights),
         light_bounces=any(light.max_bounces is not None for light in (*scene.lights, *filter(None, [scene.world]))),
         media=any(map(has_medium, scene.materials)) or (scene.world is not None and has_medium(scene.world)),
+        caustics=any(light.caustics for light in scene.lights)
+        and _is_any_instance(scene, "caustics_caster")
+        and _is_any_instance(scene, "caustics_receiver"),
     )

@@ -14,6 +14,7 @@ from raytracer.casting.ray_visibility import (
     CastInside,
     CastRays,
 )
+from raytracer.integrator.caustics import Caustics
 from raytracer.integrator.light_groups import GroupedLight
 from raytracer.integrator.light_sources import (
     LightSource,
@@ -84,6 +85,7 @@ class Integrator:
     measure_depth : tells how far points are before the camera; None without portals, whose rays do not tell
     glints : what narrow lobes meet by chance alone; none where there are no such lobes, or no pass has an error
     media : what fills space; None where nothing does
+    caustics : bends light through glass; None where nothing does
     is_catcher : (instances + groups,) bool, or None where nothing catches shadows
     catchers_only : the stages of the scene without all but its shadow catchers, or None
     """
@@ -129,6 +131,7 @@ class Integrator:
     glints: tuple[Glint, ...] = ()
     media: SceneMedia | None = None
     measure_depth: MeasureDepth | None = None
+    caustics: Caustics | None = None
 
     @property
     def looks_around(self) -> bool:

@@ -28,7 +28,10 @@ def note_near_misses(integrator: Integrator, passes: PathPasses, paths: Paths, h
         return
     paths = paths.select(np.flatnonzero((paths.density > NARROW_DENSITY) & ~paths.direct))
     for glint in integrator.glints if len(paths) else ():
-        note_near_miss(integrator, glint, passes, paths)
+        some = paths
+        if integrator.caustics is not None and glint.light is not None:
+            some = paths.select(~integrator.caustics.leaves(glint.light, paths))
+        note_near_miss(integrator, glint, passes, some)
 
 
 def note_near_miss(integrator: Integrator, glint: Glint, passes: PathPasses, paths: Paths) -> None:

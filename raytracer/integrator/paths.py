@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import lay_columns, make_zeros, shorten_rows, take_rows
-from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Indices, Integers, Kinds, Numbers, Vectors
+from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Indices, Integers, Kinds, Masks, Numbers, Vectors
 from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample
 from raytracer.bsdfs.closures import Shading
@@ -55,6 +55,7 @@ class Paths:
         through a surface keeps its ray, and goes on `after` what it has met
     media : what it is inside of; None where the scene has no media
     portals : (k,) int32, how many it has gone through; None before any path has
+    received : (k,) uint8, bits of `caustics`, whether receivers of caustics have scattered it; None before any has
     """
 
     row: NDArray[np.int64]
@@ -71,6 +72,7 @@ class Paths:
     travelled: Numbers
     media: MediaStack | None = None
     portals: NDArray[np.int32] | None = None
+    received: Masks | None = None
 
     def __len__(self) -> int:
         return len(self.row)
@@ -83,6 +85,10 @@ class Paths:
     def count_portals(self) -> NDArray[np.int32]:
         """Return how many portals (k,) paths have gone through."""
         return np.zeros(len(self), np.int32) if self.portals is None else self.portals
+
+    def find_received(self) -> Masks:
+        """Return whether receivers of caustics have scattered (k,) paths, as bits."""
+        return np.zeros(len(self), np.uint8) if self.received is None else self.received
 
     def select(self, rows: Any) -> Paths:
         """Return some of the paths: index or boolean array."""
@@ -101,6 +107,7 @@ class Paths:
             self.travelled[rows],
             None if self.media is None else self.media.select(rows),
             None if self.portals is None else self.portals[rows],
+            None if self.received is None else self.received[rows],
         )
 
 
@@ -123,12 +130,16 @@ def join_paths(parts: Sequence[Paths]) -> Paths:
         return parts[0]
     if not parts:
         return start_paths(join_rays([]))
-    names = [name for name in Paths.__slots__ if name not in ("rays", "media", "portals")]
+    names = [name for name in Paths.__slots__ if name not in ("rays", "media", "portals", "received")]
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     media, portals = join_stacks([part.media for part in parts]), None
     if any(part.portals is not None for part in parts):
         portals = np.concatenate([part.count_portals() for part in parts])
-    return Paths(rays=join_rays([part.rays for part in parts]), media=media, portals=portals, **joined)
+    received = None
+    if any(part.received is not None for part in parts):
+        received = np.concatenate([part.find_received() for part in parts])
+    rays = join_rays([part.rays for part in parts])
+    return Paths(rays=rays, media=media, portals=portals, received=received, **joined)
 
 
 def start_paths(rays: Rays) -> Paths:

@@ -8,7 +8,7 @@ meet the light are weighed as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -86,13 +86,16 @@ def describe_receivers(links: LightLinks | None, position: Floats, normal: Float
 
 
 def split_lights(
-    lights: Sequence[Light], links: LightLinks | None, computed: Mapping[Light, ComputedLight]
+    lights: Sequence[Light],
+    links: LightLinks | None,
+    computed: Mapping[Light, ComputedLight],
+    bent: Container[Light] = (),
 ) -> tuple[list[Light], list[LightGroup]]:
     """Return the lights that are all aimed at, and the groups of those that are picked from: never those whose shadows
-    are linked, which are few."""
+    are linked, which are few, nor those that are `bent` to caustics."""
     alike: dict[tuple[bool, bool, int, int | None], list[Light]] = {}
     for light in lights:
-        if has_place(light) and light.blockers == ALL_SETS:
+        if has_place(light) and light.blockers == ALL_SETS and light not in bent:
             key = (light.cast_shadow, light.shadow_catcher, light.seen_by, light.max_bounces)
             alike.setdefault(key, []).append(light)
     groups = []

@@ -22,6 +22,7 @@ from raytracer.casting.ray_visibility import (
 )
 from raytracer.casting.subset_caster import SubsetCaster
 from raytracer.film.passes import find_pass, list_aovs, select_mattes, select_passes
+from raytracer.integrator.caustics import make_caustics
 from raytracer.integrator.emissive_source import EmissiveGeometry, make_geometry_source
 from raytracer.integrator.features import Features, derive_features
 from raytracer.integrator.integrator import Integrator
@@ -178,7 +179,7 @@ def _compose(
     caster : of what is present
     present : (instances + groups,) bool, which are shadow catchers; None for the whole scene
     """
-    needs_light = asks_for_light(settings)
+    needs_light, order = asks_for_light(settings), make_order(tables)
     shines = media is not None and media.emits
     interreflects = settings.integrator == "path" or bool(told_apart) or shines or features.translucent
     interreflects = interreflects and features.diffuse and needs_light
@@ -190,7 +191,12 @@ def _compose(
     links = _link_lights(scene, media is not None) if features.light_linking else None
     shadow_links = ShadowLinks(*_gather_links(scene, "shadow_set", "blockers")) if features.shadow_linking else None
     groups: list[LightGroup]
-    aimed_at, groups = (lights, []) if aims_at_all else split_lights(lights, links, computed)
+    cast = make_cast(caster, seen_by, order)
+    caustics = None
+    if features.caustics and needs_light and media is None and present is None:
+        caustics = make_caustics(scene, cast, tables, materials, settings)
+    bent = frozenset() if caustics is None else caustics.lights
+    aimed_at, groups = (lights, []) if aims_at_all else split_lights(lights, links, computed, bent)
     sources: list[LightSource] = [
         make_light_source(light, features.rough or interreflects or scatters, links, computed.get(light))
         for light in aimed_at
@@ -228,8 +234,6 @@ def _compose(
     visible_lights = tuple(light for light in aimed_at if has_extent(light) and _is_met(light, looks))
     visible_groups = tuple(group for group in groups if group.has_extent and _is_met(group.example, looks))
     aimed = set_chances(sources, told_apart)
-    order = make_order(tables)
-    cast = make_cast(caster, seen_by, order)
     cast_shadow = make_shadow_cast(
         cast, None if shadow_links is None else make_linked_cast(cast, shadow_links.shadow_set)
     )
@@ -284,6 +288,7 @@ def _compose(
         cast_inside=make_inside_cast(caster, order) if features.subsurface and needs_light else None,
         media=media,
         measure_depth=find_depth_measure(scene) if features.portals else None,
+        caustics=caustics,
     )
 
 

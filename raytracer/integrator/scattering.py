@@ -20,6 +20,7 @@ from raytracer.integrator.bounces import (
     find_finished,
     survival_probability,
 )
+from raytracer.integrator.caustics import WaveCaustics, note_receivers
 from raytracer.integrator.direct_light import light_receptive
 from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_passes import note_scattering, split_paths
@@ -84,7 +85,8 @@ def scatter_by(
     )
     throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
     split = split_paths(passes, paths)
-    shadow_rays = light_receptive(integrator.sources, points, probabilities, throughput, paths.row, split)
+    caustics = None if integrator.caustics is None else WaveCaustics(integrator.caustics, paths, throughput)
+    shadow_rays = light_receptive(integrator.sources, points, probabilities, throughput, paths.row, split, caustics)
     if integrator.dimensions.medium is not None:
         shadow_rays = immerse_shadows(shadow_rays, wave, sampler, integrator.dimensions.medium)
 
@@ -102,6 +104,8 @@ def scatter_by(
         end_in_the_dark(integrator, paths, sample)
     play_roulette(integrator, paths, sample, sampler)
     going_on = advance(wave, sample)
+    if integrator.caustics is not None:
+        going_on = note_receivers(integrator.caustics, going_on, ~sample.goes_straight[sample.alive])
     if integrator.shadow_links is not None:
         turned = ~sample.goes_straight
         if sample.portals is not None:  # what is seen straight is met as without links

@@ -59,6 +59,8 @@ def add_linked_light_of(integrator: Integrator, light: Light, passes: PathPasses
     met = (seen.density > 0) & meet_lights(paths.kind, light.seen_by)
     if integrator.links is not None:
         met &= integrator.links.find_lit(light.receivers, paths.scatterer)
+    if integrator.caustics is not None:
+        met &= ~integrator.caustics.leaves(light, paths)
     rows = np.flatnonzero(met)
     if len(rows):
         paths, seen = paths.select(rows), seen.select(rows)

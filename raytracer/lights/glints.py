@@ -32,6 +32,7 @@ class Glint:
     radius : metres; of one in the sky radians; inf where it may be anywhere
     is_far : True for one in the sky
     seen_by : bits of SEEN_BY, the rays that meet it
+    light : the light that it is; None for what else shines
     """
 
     radiance: float
@@ -39,6 +40,7 @@ class Glint:
     radius: float
     is_far: bool = False
     seen_by: int = SEEN_BY_ALL
+    light: Light | None = None
 
 
 def list_glints(lights: Iterable[Light], emitters: Emitters | None, background: Environment | None) -> list[Glint]:
@@ -64,12 +66,12 @@ def _describe_light(light: Light) -> Glint:
     """Return a light with extent, as it is seen on its axis."""
     if isinstance(light, SunLight):
         seen = evaluate_light(light, np.zeros((1, 3)), light.direction[np.newaxis])
-        return Glint(_measure(seen.radiance), light.direction, light.angle / 2.0, True, light.seen_by)
+        return Glint(_measure(seen.radiance), light.direction, light.angle / 2.0, True, light.seen_by, light)
     radius = float(light.radius) if not isinstance(light, AreaLight) else _measure_diagonal(light)
     # From far enough to see all of it, whatever its spread.
     axis = _find_axis(light)
     seen = evaluate_light(light, (light.position - 2.0 * radius * axis)[np.newaxis], axis[np.newaxis])
-    return Glint(_measure(seen.radiance), light.position, radius, seen_by=light.seen_by)
+    return Glint(_measure(seen.radiance), light.position, radius, seen_by=light.seen_by, light=light)
 
 
 def _measure(radiance: Floats) -> float:
