@@ -242,6 +242,18 @@ def read_terminator(shown: Any) -> tuple[float, float]:
     return (getattr(cycles, names[0], 0.1), getattr(cycles, "shadow_terminator_offset", 0.0))
 
 
+def read_caustics(shown: Any) -> tuple[bool, bool]:
+    """Return whether an object casts shadow caustics, and whether it receives them; both are Cycles' own."""
+    cycles = getattr(shown, "cycles", None)
+    names = ("is_caustics_caster", "is_caustics_receiver")
+    return (bool(getattr(cycles, names[0], False)), bool(getattr(cycles, names[1], False)))
+
+
+def makes_caustics(shining: Any) -> bool:
+    """Return whether a light, or a world, makes shadow caustics; the setting is Cycles' own."""
+    return bool(getattr(getattr(shining, "cycles", None), "is_caustics_light", False))
+
+
 def is_hidden_from_picking(shown: Any) -> bool:
     """Return True for an object that Scene.ray_cast passes; the setting came with 5.0."""
     return bool(getattr(shown, "hide_surface_pick", False))

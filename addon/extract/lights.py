@@ -48,6 +48,7 @@ def extract_light(
         "seen_by": part.seen_by,
         "shadow_catcher": part.shadow_catcher,
         "max_bounces": versions.read_light_bounces(light),
+        "caustics": versions.makes_caustics(light),
     }
     factor = part.light_factor
     if factor.program is not None and isinstance(factor.value, Register):

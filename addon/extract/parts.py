@@ -47,6 +47,7 @@ class ObjectEntry:
     light.
 
     terminator : Blender's offsets of the shadow terminator, of geometry and of shading
+    caustics : whether it casts shadow caustics, and whether it receives them
     density_by_scale : True for a volume whose density is by metre of object space
     light_factor : of a light, what its nodes make of it
     name_word : what Cycles makes of the object's name, for its random number where it is no instance
@@ -67,6 +68,7 @@ class ObjectEntry:
     light_factor: LightFactor = NO_NODES
     name_word: int = 0
     terminator: tuple[float, float] = (0.0, 0.0)
+    caustics: tuple[bool, bool] = (False, False)
     properties: frozenset[str] = frozenset()
     density_by_scale: bool = False
 
@@ -173,6 +175,7 @@ def describe_object(shown: Any, source: Any, instancer: Any, context: Context, s
         seen_by=seen_by,
         name_word=pack_name(source.name),
         terminator=versions.read_terminator(shown),
+        caustics=versions.read_caustics(shown),
     )
 
 

@@ -98,6 +98,8 @@ def place_parts(
         random=np.array([placements.random[row] for row in meshes]) if with_info else None,
         color=np.array([part.color for part in parts]).reshape(-1, 4) if with_info else None,
         properties=_gather_properties([placements.properties[row] for row in meshes]),
+        caustics_caster=_gather_caustics(parts, 0),
+        caustics_receiver=_gather_caustics(parts, 1),
         volume_density=_measure_density(parts, matrices[np.asarray(meshes, dtype=np.intp)]),
     )
     objects = (*(part.object for part in parts), *sphere_objects, *curve_objects)
@@ -138,6 +140,12 @@ def _gather_offset(parts: list[ObjectEntry], number: int) -> NDArray[np.float64]
     """Return an offset of the shadow terminator of each part; None where all are 0."""
     offset = np.array([part.terminator[number] for part in parts])
     return offset if offset.any() else None
+
+
+def _gather_caustics(parts: list[ObjectEntry], number: int) -> NDArray[np.bool_] | None:
+    """Return whether each part casts shadow caustics, or receives them; None where none does."""
+    flags = np.array([part.caustics[number] for part in parts], dtype=np.bool_)
+    return flags if flags.any() else None
 
 
 def _measure_density(parts: list[ObjectEntry], matrices: NDArray[np.float64]) -> NDArray[np.float64] | None:

@@ -16,6 +16,7 @@ from raytracer.film.passes import list_aovs
 from .. import versions
 from ..voxels.process import VoxelReader
 from .camera import extract_camera
+from .caustics import warn_caustics
 from .custom_properties import read_layer_of
 from .displacing import displace_meshes
 from .instance_order import Shapes
@@ -168,5 +169,8 @@ def _extract_scene(
         camera=camera,
         name=scene.name,
     )
+    if not geometry_only:
+        warned = versions.find_world(scene, view_layer)
+        warn_caustics(record, placed.objects, placed.light_objects, placements.parts, warned, warnings)
     polygons = tuple(geometry.polygons for geometry in meshes.geometries)
     return Extraction(record, placed.objects, placed.light_objects, polygons, warnings.records)

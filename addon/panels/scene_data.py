@@ -15,6 +15,8 @@ from .shared import EnginePanel, split
 
 # Objects that rays can meet.
 VISIBLE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "POINTCLOUD", "VOLUME", "LIGHT"}
+# Those that become meshes.
+MESH_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 
 
 def can_be_seen(thing: Any) -> bool:
@@ -40,6 +42,7 @@ class RAYTRACER_LIGHT_PT_tracing(EnginePanel, bpy.types.Panel):
             column.prop(context.light, "spread")
         if hasattr(context.light, "cycles"):  # the setting is Cycles', which can be disabled
             column.prop(context.light.cycles, "max_bounces")
+            column.prop(context.light.cycles, "is_caustics_light", text="Shadow Caustics")
 
 
 class RAYTRACER_LIGHT_PT_nodes(EnginePanel, bpy.types.Panel):
@@ -124,6 +127,26 @@ class RAYTRACER_OBJECT_PT_light_group(EnginePanel, bpy.types.Panel):
 
     def draw(self, context: Any) -> None:
         draw_light_group(self, context.object, context.view_layer)
+
+
+class RAYTRACER_OBJECT_PT_caustics(EnginePanel, bpy.types.Panel):
+    """Whether light that makes caustics is looked for through an object, or on it."""
+
+    bl_label = "Caustics"
+    bl_context = "object"
+    bl_parent_id = "OBJECT_PT_shading"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        thing = context.object  # the settings are Cycles', which can be disabled
+        is_mesh = thing is not None and thing.type in MESH_TYPES
+        return is_mesh and hasattr(thing, "cycles") and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        column = split(self)
+        column.prop(context.object.cycles, "is_caustics_caster", text="Cast Shadow Caustics")
+        column.prop(context.object.cycles, "is_caustics_receiver", text="Receive Shadow Caustics")
 
 
 class RAYTRACER_MATERIAL_PT_settings(EnginePanel, bpy.types.Panel):
@@ -250,6 +273,7 @@ CLASSES = (
     RAYTRACER_OBJECT_PT_shadow_catcher,
     RAYTRACER_OBJECT_PT_ray_visibility,
     RAYTRACER_OBJECT_PT_light_group,
+    RAYTRACER_OBJECT_PT_caustics,
     RAYTRACER_MATERIAL_PT_settings,
     RAYTRACER_WORLD_PT_preview,
     RAYTRACER_WORLD_PT_surface,

@@ -146,7 +146,17 @@ def test_light_panel_draws_every_kind_of_light(empty_scene: Any, registered: Non
     light = bpy.data.lights.new("Light", kind)
     names = draw(scene_data.RAYTRACER_LIGHT_PT_tracing, light=light).names
     expected = ["use_shadow", "spread"] if kind == "AREA" else ["use_shadow"]
-    assert names == [*expected, *(["max_bounces"] if hasattr(light, "cycles") else [])]
+    assert names == [*expected, *(["max_bounces", "is_caustics_light"] if hasattr(light, "cycles") else [])]
+
+
+def test_caustics_panel_is_there_for_what_becomes_a_mesh(empty_scene: Any, registered: None) -> None:
+    mesh, lamp = bpy.data.meshes.new("Mesh"), bpy.data.lights.new("Lamp", "POINT")
+    ball, light = (bpy.data.objects.new(data.name, data) for data in (mesh, lamp))
+    panel = scene_data.RAYTRACER_OBJECT_PT_caustics
+    engine = bpy.context.scene.render.engine
+    assert draw(panel, object=ball).names == ["is_caustics_caster", "is_caustics_receiver"]
+    polled = [panel.poll(SimpleNamespace(object=thing, engine=engine)) for thing in (ball, light, None)]
+    assert polled == [engine in panel.COMPAT_ENGINES, False, False]
 
 
 def test_world_and_light_panels_draw_their_nodes(empty_scene: Any, registered: None) -> None:
