@@ -12,6 +12,7 @@ import pstats
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,22 @@ def make_scene(closure=GREY, normals=False, lamp=None, spheres=False, **fields):
     )
 
 
+def make_pane_scene():
+    """Return the plain scene under a pane of clear glass that casts caustics, under the lamp."""
+    corners = np.array([(-20, -20), (20, -20), (20, 20), (-20, 20)], dtype=np.float64)
+    positions = np.vstack([np.column_stack([corners, np.full(4, height)]) for height in (4.2, 4.0)])
+    triangles = [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6)]
+    pane = raytracer.Mesh(positions, triangles, np.repeat([(0, 0, 1.0), (0, 0, -1.0)], 4, axis=0), material=1)
+    plain = make_scene(lamp=raytracer.PointLight(**LIGHT, caustics=True))
+    flags = {"caustics_caster": [False, False, True], "caustics_receiver": [True, True, False]}
+    return replace(
+        plain,
+        meshes=[*plain.meshes, pane],
+        materials=[*plain.materials, raytracer.Material([raytracer.Closure("glass", roughness=0.0)])],
+        instances=raytracer.Instances([0, 1, 2], [np.eye(4)] * 3, **flags),
+    )
+
+
 def make_fur():
     """Return strands that stand on the floor."""
     rng = np.random.default_rng(1)
@@ -88,6 +105,11 @@ FEATURES = {
         lambda: make_scene(raytracer.Closure("subsurface", color=0.6, radius=0.5)),
         {},
         ("random_walk.py", "take_step"),
+    ),
+    "shadow caustics": (
+        make_pane_scene,
+        {"max_bounces": 4},
+        ("walk.py", "find_paths"),
     ),
     "ray portals": (
         lambda: make_scene(raytracer.Closure("portal", weight=0.2, position=np.array([0.0, 0.0, 4.0]))),
