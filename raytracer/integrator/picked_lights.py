@@ -31,8 +31,8 @@ from raytracer.scene.lights import Light
 
 # More lights than this are picked from; as many as this, or fewer, are all aimed at.
 MOST_AIMED_AT = 32
-# Sources of a group: at most so many lights are aimed at from each point. With 1000 point lights over a hall the time to
-# an error falls by a quarter from 4 to 8, and by a sixth from there to 16.
+# Sources of a group: at most so many lights are aimed at from each point. With 1000 point lights over a hall the time
+# to an error falls by a quarter from 4 to 8, and by a sixth from there to 16.
 PICKS = 16
 
 
