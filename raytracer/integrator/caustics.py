@@ -48,7 +48,8 @@ from raytracer.scene.lights import Light, SunLight
 from raytracer.scene.scene import Scene
 from raytracer.shading.light_path import Depths, describe_reflected
 from raytracer.shading.materials import MaterialTable, make_shading
-from raytracer.surfaces.surface import Surface, depart
+from raytracer.surfaces.departing import depart
+from raytracer.surfaces.surface import Surface
 from raytracer.surfaces.surface_tables import SurfaceTables
 
 # Bits of `Paths.received`: a receiver has scattered the path; one had before its last scattering.

@@ -274,6 +274,7 @@ def advance(wave: Wave, sample: BsdfSample) -> Paths:
         scatterer=wave.surface.instance[rows],
         travelled=np.zeros(len(alive)),
         portals=None if old.portals is None else old.portals[rows],
+        received=None if old.received is None else old.received[rows],
     )
     straight = sample.goes_straight[rows]
     if straight.any():

@@ -11,7 +11,8 @@ from raytracer.bsdfs.fresnel import dielectric_reflectance, refract
 from raytracer.casting.rays import Rays
 from raytracer.caustics import chains
 from raytracer.caustics.chains import find_seeds, find_ways
-from raytracer.surfaces.surface import depart, make_surface
+from raytracer.surfaces.departing import depart
+from raytracer.surfaces.surface import make_surface
 from tests.raytracer.caustics.glass_scenes import (
     UP,
     join_ends,
