@@ -30,7 +30,7 @@ def build() -> None:
         "Lamp", "POINT", 260, (-0.6, 1.9, 4.6), (0, 0, 0), (1.0, 0.93, 0.82), shadow_soft_size=0.02
     )
     lamp.data.cycles.is_caustics_light = True
-    building.add_camera((0, -4.7, 3.3), (0.0, -0.2, 0.33), 50)
+    building.add_camera((0, -4.7, 3.3), (0.02, -0.2, 0.33), 45)
 
 
 def place_glass(
