@@ -20,10 +20,10 @@ from raytracer.film.mattes import add_coverage
 from raytracer.film.passes import matte_table
 from raytracer.integrator.bounces import meet_lights
 from raytracer.integrator.clamping import clamp_met
-from raytracer.integrator.denoising import add_met_guides
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.light_passes import add_met
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, WORLD
+from raytracer.integrator.passes.denoising import add_met_guides
+from raytracer.integrator.passes.light_passes import add_met
 from raytracer.integrator.paths import PathPasses, Paths, Wave
 from raytracer.integrator.picked_geometry import find_emitter_factors
 from raytracer.integrator.picked_lights import LightGroup, split_by_light

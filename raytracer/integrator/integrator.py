@@ -15,12 +15,12 @@ from raytracer.casting.ray_visibility import (
     CastRays,
 )
 from raytracer.integrator.caustics import Caustics
-from raytracer.integrator.light_groups import GroupedLight
 from raytracer.integrator.light_sources import (
     LightSource,
 )
+from raytracer.integrator.media.scene_media import SceneMedia
+from raytracer.integrator.passes.light_groups import GroupedLight
 from raytracer.integrator.picked_lights import LightGroup
-from raytracer.integrator.scene_media import SceneMedia
 from raytracer.integrator.scene_records import MeasureDepth
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import (

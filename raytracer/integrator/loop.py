@@ -18,7 +18,6 @@ from raytracer.bsdfs.bounce_kinds import STRAIGHT
 from raytracer.bsdfs.bsdf import BsdfSample, enter_portals
 from raytracer.casting.rays import Hits, Rays
 from raytracer.film.passes import LENGTH, NEAR_MISS
-from raytracer.integrator.aovs import add_sky_aovs, add_surface_aovs
 from raytracer.integrator.bounces import classify_rays, find_closed
 from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
 from raytracer.integrator.clear_surfaces import forget_clear_surfaces
@@ -32,18 +31,19 @@ from raytracer.integrator.contributions import (
     divide_shadow,
     finish_alpha,
 )
-from raytracer.integrator.denoising import add_guides
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.light_passes import add_aimed
-from raytracer.integrator.media import cross_media
+from raytracer.integrator.media.scene_media import immerse_paths
+from raytracer.integrator.media.travel import cross_media
 from raytracer.integrator.near_misses import note_near_misses
-from raytracer.integrator.open_share import add_open_share
+from raytracer.integrator.passes.aovs import add_sky_aovs, add_surface_aovs
+from raytracer.integrator.passes.denoising import add_guides
+from raytracer.integrator.passes.light_passes import add_aimed
+from raytracer.integrator.passes.open_share import add_open_share
+from raytracer.integrator.passes.shadow_catcher import find_split, finish_caught, note_split, start_catching
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
 from raytracer.integrator.scattering import Shaded, scatter
-from raytracer.integrator.scene_media import immerse_paths
-from raytracer.integrator.shadow_catcher import find_split, finish_caught, note_split, start_catching
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
-from raytracer.integrator.subsurface import scatter_below
+from raytracer.integrator.subsurface.subsurface import scatter_below
 from raytracer.sampling.sampler import Sampler, share_samples
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.shading.materials import make_shading

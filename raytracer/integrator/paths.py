@@ -27,8 +27,8 @@ from raytracer.film.passes import (
     select_mattes,
 )
 from raytracer.integrator.clamping import is_clamped
-from raytracer.integrator.guides import Guides, start_guides
 from raytracer.integrator.parts import Parts, start_parts
+from raytracer.integrator.passes.guides import Guides, start_guides
 from raytracer.integrator.settings import Settings
 from raytracer.lecture import dot, length
 from raytracer.media.stack import MediaStack, join_stacks

@@ -26,7 +26,6 @@ from raytracer.integrator.caustics import make_caustics
 from raytracer.integrator.emissive_source import EmissiveGeometry, make_geometry_source
 from raytracer.integrator.features import Features, derive_features
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.light_groups import group_light, group_source
 from raytracer.integrator.light_sources import (
     LightSource,
     SampledLight,
@@ -34,10 +33,11 @@ from raytracer.integrator.light_sources import (
     make_world_sources,
     set_chances,
 )
+from raytracer.integrator.media.scene_media import SceneMedia, make_scene_media
+from raytracer.integrator.media.shadow_media import media_visibility
+from raytracer.integrator.passes.light_groups import group_light, group_source
 from raytracer.integrator.picked_geometry import PickedGeometry, pick_geometry
 from raytracer.integrator.picked_lights import LightGroup, PickedLight, make_picked_sources, split_lights
-from raytracer.integrator.random_walk import count_numbers
-from raytracer.integrator.scene_media import SceneMedia, make_scene_media
 from raytracer.integrator.scene_records import (
     find_camera_axes,
     find_depth_measure,
@@ -46,12 +46,12 @@ from raytracer.integrator.scene_records import (
     gather_records,
 )
 from raytracer.integrator.settings import Settings
-from raytracer.integrator.shadow_media import media_visibility
 from raytracer.integrator.shadow_rays import (
     make_shadow_cast,
     opaque_visibility,
     transparent_visibility,
 )
+from raytracer.integrator.subsurface.random_walk import count_numbers
 from raytracer.integrator.told_apart import ToldApart, find_told_apart, is_seen_by_some, list_told_apart
 from raytracer.lights.emitter_table import Emitters, make_emitters
 from raytracer.lights.environment import Environment, make_environment, turn_environment

@@ -23,11 +23,11 @@ from raytracer.integrator.bounces import (
 from raytracer.integrator.caustics import WaveCaustics, note_receivers
 from raytracer.integrator.direct_light import light_receptive
 from raytracer.integrator.integrator import Integrator, find_lift
-from raytracer.integrator.light_passes import note_scattering, split_paths
 from raytracer.integrator.light_sources import ShadingPoints
+from raytracer.integrator.media.shadow_media import immerse_shadows
+from raytracer.integrator.passes.light_passes import note_scattering, split_paths
 from raytracer.integrator.paths import PathPasses, Paths, Wave, advance
 from raytracer.integrator.shadow_linking import add_linked_light
-from raytracer.integrator.shadow_media import immerse_shadows
 from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.sampling.sampler import Sampler
 from raytracer.shading.light_path import Depths

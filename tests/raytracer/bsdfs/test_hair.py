@@ -18,7 +18,7 @@ from raytracer.bsdfs.hair import (
 )
 from raytracer.bsdfs.hair_cauchy import CauchyHair
 from raytracer.bsdfs.hair_chiang import ChiangHair, find_angles, find_scale, find_variance
-from raytracer.integrator.denoising import sum_normals
+from raytracer.integrator.passes.denoising import sum_normals
 from raytracer.lecture import dot
 from tests.raytracer.bsdfs.test_bsdf import sphere_quadrature
 

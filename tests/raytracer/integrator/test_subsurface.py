@@ -12,11 +12,11 @@ from raytracer.bsdfs.subsurface import Medium
 from raytracer.casting.ray_visibility import make_inside_cast
 from raytracer.casting.rays import Rays, make_rays
 from raytracer.casting.subset_caster import SubsetCaster
-from raytracer.integrator import random_walk
 from raytracer.integrator.loop import trace
 from raytracer.integrator.prepare import prepare
-from raytracer.integrator.random_walk import LAST_ANISOTROPIC, walk
 from raytracer.integrator.settings import Settings
+from raytracer.integrator.subsurface import random_walk
+from raytracer.integrator.subsurface.random_walk import LAST_ANISOTROPIC, walk
 from raytracer.sampling.sampler import Sampler
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.materials import Closure, Material

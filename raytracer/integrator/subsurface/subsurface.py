@@ -27,7 +27,6 @@ from raytracer.integrator.bounces import find_closed, find_finished
 from raytracer.integrator.contributions import describe_path
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.paths import PathPasses, Paths, Wave, join_paths
-from raytracer.integrator.random_walk import Exits, walk
 from raytracer.integrator.scattering import (
     Shaded,
     close_portals,
@@ -35,6 +34,7 @@ from raytracer.integrator.scattering import (
     scatter_by,
     weigh_lobes,
 )
+from raytracer.integrator.subsurface.random_walk import Exits, walk
 from raytracer.lecture import dot
 from raytracer.sampling.sampler import Sampler
 from raytracer.shading.materials import make_shading

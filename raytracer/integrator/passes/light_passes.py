@@ -21,8 +21,8 @@ from raytracer.bsdfs.bounce_kinds import TRANSMITTED
 from raytracer.bsdfs.bsdf import BsdfSample, evaluate_bsdf
 from raytracer.bsdfs.closures import Shading
 from raytracer.film.passes import LIGHT_PARTS, VOLUME_DIRECT, VOLUME_INDIRECT, light_pass
-from raytracer.integrator.denoising import add_met_guides
 from raytracer.integrator.parts import Parts, Split
+from raytracer.integrator.passes.denoising import add_met_guides
 from raytracer.integrator.paths import PathPasses, Paths
 from raytracer.integrator.shadow_rays import ShadowRays
 

@@ -31,10 +31,8 @@ from raytracer.arrays.types import Booleans, Colors, Indices, Integers, Numbers
 from raytracer.casting.rays import Hits
 from raytracer.integrator.clamping import clamp_met, find_limits
 from raytracer.integrator.contributions import add_visible_lights
-from raytracer.integrator.denoising import add_medium_guides
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.light_passes import add_met
-from raytracer.integrator.media_light import (
+from raytracer.integrator.media.scattered_light import (
     MediumPoints,
     describe_points,
     find_place,
@@ -44,7 +42,9 @@ from raytracer.integrator.media_light import (
     light_points,
     list_sources,
 )
-from raytracer.integrator.media_ways import (
+from raytracer.integrator.media.scene_media import SceneMedia, sum_even
+from raytracer.integrator.media.shadow_media import find_passing
+from raytracer.integrator.media.ways import (
     CHOSEN,
     Ways,
     dim_light,
@@ -54,10 +54,10 @@ from raytracer.integrator.media_ways import (
     find_media,
     find_ways,
 )
+from raytracer.integrator.passes.denoising import add_medium_guides
+from raytracer.integrator.passes.light_passes import add_met
 from raytracer.integrator.paths import PathPasses, Paths
-from raytracer.integrator.scene_media import SceneMedia, sum_even
 from raytracer.integrator.shadow_linking import add_linked_light
-from raytracer.integrator.shadow_media import find_passing
 from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.media.distances import (
     find_angle_density,

@@ -10,9 +10,9 @@ from raytracer.arrays.types import Booleans, Colors, Indices, Integers, Numbers,
 from raytracer.casting.rays import Hits, select_rows
 from raytracer.integrator.bounces import find_closed, find_finished
 from raytracer.integrator.integrator import Integrator
+from raytracer.integrator.media.scene_media import SceneMedia
+from raytracer.integrator.media.shadow_media import find_passing
 from raytracer.integrator.paths import Paths
-from raytracer.integrator.scene_media import SceneMedia
-from raytracer.integrator.shadow_media import find_passing
 from raytracer.lecture import length
 from raytracer.sampling.dimensions import NOISE
 from raytracer.sampling.sampler import Sampler

@@ -15,8 +15,8 @@ import numpy as np
 
 from raytracer.arrays.rows import any_column
 from raytracer.arrays.types import Colors, Floats, Integers, Numbers, Vectors
+from raytracer.integrator.media.scene_media import SceneMedia, sum_even
 from raytracer.integrator.paths import Wave, cross_surfaces
-from raytracer.integrator.scene_media import SceneMedia, sum_even
 from raytracer.integrator.shadow_rays import CastShadows, ShadowRays, Shadows, Visibility, describe_shadows
 from raytracer.lecture import length
 from raytracer.media.distances import find_transmittance
