@@ -23,6 +23,16 @@ def lay_columns(values: NDArray[Any]) -> NDArray[Any]:
     return np.asfortranarray(values)
 
 
+def split_columns(values: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    """Return the columns (...) of an array (..., k), each without gaps in memory.
+
+    NumPy has sines, arctangents and powers of its own, but takes the C library's, often an ulp off, where an operand
+    and the result may overlap; it counts the gap behind a view's last number to the view. So where memory happened to
+    be free would decide about bits of what is worked out from views like `values[:, 2]`.
+    """
+    return tuple(column if column.flags.c_contiguous else column.copy() for column in np.moveaxis(values, -1, 0))
+
+
 def make_zeros(count: int, width: int = 3) -> Floats:
     """Return zeros (n, k), column by column in memory."""
     return np.zeros((width, count)).T

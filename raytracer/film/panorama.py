@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from raytracer.arrays.rows import split_columns
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.film.sensor import choose_sensor_side, measure_fitted_side
 from raytracer.predicates.double_double import two_product, two_sum
@@ -114,8 +115,8 @@ def project_equirectangular(panorama: Panorama, sensor: tuple[float, float], x: 
 
 def locate_equirectangular(panorama: Panorama, sensor: tuple[float, float], points: Floats) -> Plane:
     """The inverse of `project_equirectangular`."""
-    longitude = np.arctan2(points[:, 0], -points[:, 2])
-    latitude = np.arctan2(points[:, 1], np.hypot(points[:, 0], points[:, 2]))
+    x, y, z = split_columns(points)
+    longitude, latitude = np.arctan2(x, -z), np.arctan2(y, np.hypot(x, z))
     return Plane(find_share(panorama.longitude, longitude), find_share(panorama.latitude, latitude))
 
 
@@ -127,9 +128,9 @@ def project_cylinder(panorama: Panorama, sensor: tuple[float, float], x: Floats,
 
 def locate_cylinder(panorama: Panorama, sensor: tuple[float, float], points: Floats) -> Plane:
     """The inverse of `project_cylinder`."""
-    longitude = np.arctan2(points[:, 0], -points[:, 2])
-    radius = np.hypot(points[:, 0], points[:, 2])
-    height = np.divide(points[:, 1], radius, out=np.zeros_like(radius), where=radius > 0)
+    x, y, z = split_columns(points)
+    longitude, radius = np.arctan2(x, -z), np.hypot(x, z)
+    height = np.divide(y, radius, out=np.zeros_like(radius), where=radius > 0)
     return Plane(find_share(panorama.cylinder[:2], longitude), find_share(panorama.cylinder[2:], height))
 
 
@@ -141,9 +142,8 @@ def project_cube_face(panorama: Panorama, sensor: tuple[float, float], x: Floats
 
 def locate_cube_face(panorama: Panorama, sensor: tuple[float, float], points: Floats) -> Plane:
     """The inverse of `project_cube_face`."""
-    return Plane(
-        np.arctan2(points[:, 0], -points[:, 2]) / (np.pi / 2), np.arctan2(points[:, 1], -points[:, 2]) / (np.pi / 2)
-    )
+    x, y, z = split_columns(points)
+    return Plane(np.arctan2(x, -z) / (np.pi / 2), np.arctan2(y, -z) / (np.pi / 2))
 
 
 def project_mirror_ball(panorama: Panorama, sensor: tuple[float, float], x: Floats, y: Floats) -> Floats:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from raytracer.arrays.rows import split_columns
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import normalize, transform
 from raytracer.casting.geometry import pack_geometry
@@ -144,7 +145,7 @@ def _find_uv(computed: ComputedLight, place: Floats, normal: Floats, directions:
         x, y, z = transform(local, -directions).T
         scale = 0.5 / np.tan(light.spot_size / 2.0) / np.maximum(-z, np.finfo(np.float64).tiny)
         return 0.5 + x * scale, 0.5 + y * scale
-    return map_sphere(*transform(local, normal).T)
+    return map_sphere(*split_columns(transform(local, normal)))
 
 
 def _is_mirrored(computed: ComputedLight) -> bool:

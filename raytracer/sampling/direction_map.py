@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import join_columns
+from raytracer.arrays.rows import join_columns, split_columns
 from raytracer.arrays.types import Floats
 
 
 def find_equirectangular(directions: Floats) -> tuple[Floats, Floats]:
     """Return where unit directions (n, 3) lie on an equirectangular picture: u and v (n,) from 0 to 1, v up."""
-    x, y, z = np.moveaxis(directions, -1, 0)
+    x, y, z = split_columns(directions)
     u = 0.5 - np.arctan2(y, x) / (2.0 * np.pi)
     v = 0.5 + np.arctan2(z, np.hypot(x, y)) / np.pi
     return u, v

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays.rows import split_columns
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.casting.geometry import Geometry
 from raytracer.film.camera import find_on_film
@@ -172,7 +173,9 @@ def _values_of(mesh: Any, name: str) -> Floats | None:
             return make_tangents(mesh, uvs[..., :2])
         if name != TANGENT + OWN_UV or UNDEFORMED not in mesh.attributes:
             return None
-        return make_tangents(mesh, np.stack(map_sphere(*mesh.attributes[UNDEFORMED].T), axis=1), closed=True)
+        return make_tangents(
+            mesh, np.stack(map_sphere(*split_columns(mesh.attributes[UNDEFORMED])), axis=1), closed=True
+        )
     return mesh.uvs if name == OWN_UV and OWN_UV not in mesh.attributes else mesh.attributes.get(name)
 
 

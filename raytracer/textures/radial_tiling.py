@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from raytracer.arrays.rows import split_columns
 from raytracer.arrays.types import Floats
 
 TURN = 2.0 * np.pi
@@ -81,7 +82,7 @@ class Half(NamedTuple):
 
 def tile_radially(vector: Floats, sides: Floats, roundness: Floats, *, normalize: bool) -> Tiling:
     """Return the segments that points (n, 3) lie in; sides, roundness : (n,) or ()."""
-    x, y = np.asarray(vector, float)[..., 0], np.asarray(vector, float)[..., 1]
+    x, y = split_columns(np.asarray(vector, float)[..., :2])
     x, y, sides, roundness = np.broadcast_arrays(x, y, np.maximum(sides, 2.0), np.clip(roundness, 0.0, 1.0))
     # Two sides without an end; in Cycles they turn to noise where they are to be rounded.
     is_strip = (sides == 2.0) & (roundness < 1.0)

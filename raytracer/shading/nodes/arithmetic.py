@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.arrays.rows import split_columns
 from raytracer.arrays.vectors import normalize
 from raytracer.lecture import cross, dot, length
 from raytracer.shading.nodes.operation import Array, Operation, divide, mix, saturate, spread, stack
@@ -251,8 +252,8 @@ def mix_vectors(factor: Any, factors: Any, a: Any, b: Any, *, factor_mode: str, 
 
 def separate(vector: Any) -> tuple[Any, Any, Any]:
     """The three components."""
-    vector = np.asarray(vector)
-    return vector[..., 0], vector[..., 1], vector[..., 2]
+    x, y, z = split_columns(np.asarray(vector))
+    return x, y, z
 
 
 def measure_luminance(color: Any) -> Array:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.arrays.rows import split_columns
 from raytracer.arrays.vectors import normalize, transform
 from raytracer.lecture import length
 from raytracer.sampling.direction_map import find_equirectangular
@@ -66,9 +67,10 @@ def read_sky(
         Blender 5.0; False fades what is below, and shows the sun instead of the sky, which the horizon cuts
     """
     directions = np.broadcast_to(np.asarray(vector, float), (len(site), 3))
-    z = np.clip(directions[:, 2], -1.0, 1.0)
+    x, y, z = split_columns(directions)
+    z = np.clip(z, -1.0, 1.0)
     height = np.pi / 2 - np.arccos(z)
-    u = (rotation - np.pi / 2 - np.arctan2(directions[:, 1], directions[:, 0])) / (2.0 * np.pi) % 1.0
+    u = (rotation - np.pi / 2 - np.arctan2(y, x)) / (2.0 * np.pi) % 1.0
     level = np.copysign(np.sqrt(np.abs(height) / (np.pi / 2)), height)
     shown = sample_image(image, np.stack([u, 0.5 + 0.5 * level], axis=1), "Linear", "EXTEND")[:, :3]
     if not ground:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.arrays.rows import split_columns
 from raytracer.arrays.vectors import normalize
 from raytracer.shading.nodes.operation import Array, Operation
 from raytracer.textures.ies import MISSING, Luminaire, find_intensity
@@ -20,8 +21,8 @@ def read_luminaire(vector: Any, strength: Any, *, horizontal: Array, vertical: A
     """The strength times the intensity towards a direction, z up, of the tables of a Luminaire; of empty ones 100."""
     if not np.size(intensity):
         return np.asarray(strength, float) * MISSING
-    unit = normalize(np.atleast_2d(np.asarray(vector, float)))
-    around, down = np.arctan2(unit[:, 0], unit[:, 1]) + np.pi, np.arccos(np.clip(-unit[:, 2], -1.0, 1.0))
+    x, y, z = split_columns(normalize(np.atleast_2d(np.asarray(vector, float))))
+    around, down = np.arctan2(x, y) + np.pi, np.arccos(np.clip(-z, -1.0, 1.0))
     found = find_intensity(Luminaire(horizontal, vertical, intensity), around, down)
     return strength * (found if np.ndim(vector) == 2 else found[0])
 
