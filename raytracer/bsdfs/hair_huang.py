@@ -108,7 +108,7 @@ class HuangHair(HairLobes):
 
     def evaluate(self, outgoing: Floats, incoming: Floats) -> tuple[Floats, Floats]:
         frame = make_fiber_frame(self, outgoing)
-        strand, light = describe_strands(self, frame, outgoing), to_frame(frame, incoming)
+        strand, light = find_strand(self, frame, outgoing), to_frame(frame, incoming)
         low, high = find_window(self, strand)
         count = np.ceil((high - low) / (STEP * strand.alpha)).clip(FEWEST_STEPS, MOST_STEPS).astype(np.int64)
         noise = hash_columns(self.chance, *incoming.T)
@@ -120,7 +120,7 @@ class HuangHair(HairLobes):
 
     def sample(self, outgoing: Floats, choice: Floats, pair: Floats) -> HairSamples:
         frame = make_fiber_frame(self, outgoing)
-        strand, noise = describe_strands(self, frame, outgoing), hash_columns(self.chance, choice, *pair.T)
+        strand, noise = find_strand(self, frame, outgoing), hash_columns(self.chance, choice, *pair.T)
         numbers = np.stack([draw(noise, number) for number in range(8)], axis=1)
         radius = measure_radius(measure_azimuth(strand.incoming), strand.aspect)
         across = np.where(radius > self.coverage, self.across / radius, 2.0 * numbers[:, 0] - 1.0)
@@ -166,7 +166,7 @@ def to_frame(frame: tuple[Floats, Floats, Floats], direction: Floats) -> Floats:
     return join_columns(*(dot(direction, axis) for axis in frame))
 
 
-def describe_strands(hair: HuangHair, frame: tuple[Floats, Floats, Floats], outgoing: Floats) -> Strand:
+def find_strand(hair: HuangHair, frame: tuple[Floats, Floats, Floats], outgoing: Floats) -> Strand:
     """Return strands as light from `outgoing` (m, 3) comes to them; the tilt of the node leans against the frame."""
     alpha = np.maximum(hair.roughness, SMOOTHEST)
     return Strand(to_frame(frame, outgoing), hair.absorption, alpha, hair.aspect, -hair.tilt, hair.ior)

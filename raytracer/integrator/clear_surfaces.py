@@ -19,7 +19,7 @@ from raytracer.integrator.paths import PathPasses, Paths
 def forget_clear_surfaces(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> None:
     """Give the passes of the surface that is seen what they have without one, where a path passed straight through all
     that it met; `describe_surface` has told of the last of them."""
-    names = [name for name in passes.values if find_pass(name).from_centre]
+    names = [name for name in integrator.settings.passes if name in passes.values and find_pass(name).from_centre]
     if not names:
         return
     rows = paths.row[np.flatnonzero(~hits.hit & paths.direct & (paths.passages > 0))]

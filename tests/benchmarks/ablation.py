@@ -124,7 +124,7 @@ FEATURES = {
     "media": (
         lambda: make_scene(world=raytracer.World(volume=raytracer.Volume(FOG))),
         {},
-        ("media.py", "cross_media"),
+        ("travel.py", "cross_media"),
     ),
     "hair": (
         lambda: make_scene(raytracer.Closure("hair", absorption=0.5, tangent=(1.0, 0.0, 0.0))),

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.usefixtures("registered_addon")
 
 SIZE = 24
 OURS, CYCLES = "REFERENCE_RAYTRACER", "CYCLES"
-OUR_SAMPLES, CYCLES_SAMPLES = 64, 256
+OUR_SAMPLES, CYCLES_SAMPLES = 128, 512
 # What noise leaves at these samples: of means over a texture, and of pixels, most of it at the checker's edges.
 MEAN_BAR, PIXEL_BAR = 0.02, 0.02
 

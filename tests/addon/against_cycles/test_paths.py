@@ -5,14 +5,13 @@ Both engines have the same limits. Pictures have to pass the statistical test of
 by pixel by Mitsuba 3's bar, and all whole tiles. One case of each kind is quick; all others are marked slow.
 """
 
-from dataclasses import replace
-
 import bpy
 import pytest
 
 from addon.compare.cycles import metrics
 from addon.compare.cycles.rendering import Request, render_both
 from blend_scenes import building
+from tests.addon.against_cycles.tiles import assert_tiles_agree
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
 
@@ -20,7 +19,6 @@ SIZE = (32, 24)
 # Mitsuba 3's render tests let so many pixels fail.
 MITSUBA_BAR = 0.0025
 SAMPLES, BATCHES = 16, 12
-OTHER_SEED = 100
 # Cycles' mean over any number of seeds is a little off with few samples (see test_against_cycles).
 CYCLES_FACTOR = 4
 
@@ -59,11 +57,7 @@ def assert_agree(scene, max_bounces=8, taming=None, integrator="PATH", **limits)
     assert ours[..., :3].max() > 0
     summed = SAMPLES * CYCLES_FACTOR
     assert metrics.share_failing_pixels(ours, cycles, summed) <= MITSUBA_BAR
-    if metrics.share_failing_tiles(ours, cycles, summed, size=8) > 0.0:
-        # One of hundreds of tiles fails by chance now and then; a difference fails with other numbers, too.
-        assert (
-            metrics.share_failing_tiles(*render_pair(scene, replace(request, seed=OTHER_SEED)), summed, size=8) == 0.0
-        )
+    assert_tiles_agree(scene, request, ours, cycles)
     return ours.mean(axis=(0, 1, 2))
 
 

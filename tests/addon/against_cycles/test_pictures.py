@@ -15,6 +15,7 @@ from addon.compare.cycles.comparison import compare_passes, compare_with_cycles
 from addon.compare.cycles.rendering import Request, render_both
 from addon.versions import read_image_format, set_image_format
 from blend_scenes import building
+from tests.addon.against_cycles.tiles import assert_tiles_agree
 from tests.folders import SCENES
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
@@ -98,7 +99,7 @@ def assert_pictures_agree(scene, samples, max_bounces=0, batches=12, cycles_fact
     assert ours[..., :3].max() > 0
     summed = samples * cycles_factor
     assert metrics.share_failing_pixels(ours, cycles, summed) <= MITSUBA_BAR
-    assert metrics.share_failing_tiles(ours, cycles, summed, size=8) == 0.0
+    assert_tiles_agree(scene, request, ours, cycles)
 
 
 @pytest.mark.parametrize(("users", "agrees"), [(2, True), (1, False)])

@@ -9,6 +9,7 @@ from addon.compare.cycles.rendering import Request, render_both
 from addon.extract.shaders.skies import SKY_TYPES
 from addon.versions import VERSION, find_node_tree
 from blend_scenes import building
+from tests.addon.against_cycles.tiles import assert_tiles_agree
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
 
@@ -27,7 +28,7 @@ def assert_pictures_agree(scene, max_bounces=1, samples=SAMPLES):
     assert ours[..., :3].std() > 0
     summed = samples * CYCLES_FACTOR
     assert metrics.share_failing_pixels(ours, cycles, summed) <= MITSUBA_BAR
-    assert metrics.share_failing_tiles(ours, cycles, summed, size=8) == 0.0
+    assert_tiles_agree(scene, request, ours, cycles)
 
 
 # Worlds
