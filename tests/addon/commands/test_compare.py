@@ -23,7 +23,7 @@ RAY_CAST_KEYS = [
     *("rays", "wrong_hit", "wrong_object", "wrong_polygon", "max_position_error", "max_normal_error"),
     *("judged", "ours_wrong", "blender_wrong", "ours_seconds", "blender_seconds", "verdict", "reason"),
 ]
-# Saves a scene with a movie for its output: a lit plane, or a block of what this engine lacks: fog for camera rays only.
+# Saves a scene with a movie for its output: a lit plane, or beside it what this engine lacks: fog for camera rays only.
 SAVE_PLANE = """
 import sys, bpy
 bpy.ops.wm.read_homefile(use_empty=True)
