@@ -308,7 +308,7 @@ def test_numbers_in_give_numbers_out_where_the_answer_is_a_number(name):
 def test_who_asks_for_errors_still_gets_them_afterwards():
     with np.errstate(all="raise"):
         assert np.isnan(lecture.dot((np.inf, 1.0), (0.0, 1.0)))
-        with pytest.raises(ValueError, match="broadcast"):
+        with pytest.raises(IndexError):
             lecture.dot((1.0, 2.0), (1.0, 2.0, 3.0))
         with pytest.raises(FloatingPointError):
             np.float64(1.0) / np.zeros(1)
