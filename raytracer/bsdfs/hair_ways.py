@@ -49,7 +49,9 @@ from raytracer.bsdfs.hair_ellipse import cross_ellipse, measure_azimuth, measure
 
 # Variance of what is summed up, along the strand, in roughnesses.
 REST_VARIANCE = 4.0
-# The least of it that gets out at once, where facets reflect all.
+# The least share T of it that gets out at once. Where facets reflect all and nothing is absorbed, A T / (1 - A (1 - T))
+# would be 0 / 0; with this T it is 1, as with any other, to the rounding of 1 - (1 - T), 2^-53 / 1e-5 = 1e-11. Where a
+# way leaves A < 1 of light it adds T A / (1 - A) at most, 1e-3 at A = .99.
 LEAST_TRANSMITTANCE = 1e-5
 
 
