@@ -69,7 +69,7 @@ class PartOrder:
 
 
 def take_part(scene: Scene, present: Booleans) -> Scene:
-    """Return the geometry of a scene's instances and groups that are `present`, in their order."""
+    """Return the geometry of a scene's instances and groups that are `present`, in their order, at this moment."""
     count = scene.instance_count
     placed = np.flatnonzero(present[:count])
     mesh, matrices = np.arange(count), np.broadcast_to(np.eye(4), (count, 4, 4))
@@ -83,5 +83,8 @@ def take_part(scene: Scene, present: Booleans) -> Scene:
         instances=Instances(mesh, matrices[placed]),
         spheres=[group for group in groups if isinstance(group, Spheres)],
         curves=[group for group in groups if isinstance(group, Curves)],
-        light_groups=None,  # which number objects
+        # Which number objects, and meshes.
+        light_groups=None,
+        motion=None,
+        neighbors=None,
     )

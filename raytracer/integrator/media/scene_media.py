@@ -92,7 +92,7 @@ def make_scene_media(
 ) -> SceneMedia:
     """Return the media of a scene that has any; resolution : of the full picture, pixels."""
     table = make_media_table(scene, tables, resolution)
-    present = np.zeros(scene.instance_count + len(scene.spheres), dtype=np.bool_)
+    present = np.zeros(scene.instance_count + len(scene.groups), dtype=np.bool_)
     present[table.instance[:-2]] = True
     middle, reach = _measure_scene(scene, table)
     boxes, matrices = _list_boxes(scene, table, middle, reach)

@@ -1,5 +1,7 @@
 """Casting into a part of a scene: hits as of a scene without the rest, numbered as in the whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,23 @@ def test_part_hits_the_nearest_of_what_is_present(placed, present):
     assert part.any_hit(origin, down).tolist() == [True]
     missed = part.closest_hit((9, 9, 9), down)
     assert missed.instance.tolist() == [-1]
+
+
+@pytest.mark.parametrize("motion", ["motion", "neighbors"])
+def test_a_part_of_a_scene_that_moves_is_as_it_is_now(motion):
+    """Motion counts instances, meshes and groups of the whole scene, of which a part has fewer."""
+    still = make_scene()
+    rising = np.tile(np.eye(4), (2, 1, 1))
+    rising[1, 2, 3] = 1.0
+    curve = raytracer.Curves([(0, -1, 4), (0, 1, 4)], [0.1, 0.1], [0, 2])
+    steps = {"instances": raytracer.InstanceMotion([3], rising[:, np.newaxis])}
+    steps["meshes"] = raytracer.MeshMotion(3, np.stack([still.meshes[3].positions] * 2))
+    steps["spheres"] = raytracer.SpheresMotion(1, [(0, 0, 2.5)], [0.25], rising)
+    steps["curves"] = raytracer.CurvesMotion(0, [curve.points] * 2, [curve.radii] * 2, rising)
+    scene = replace(still, curves=[curve], **{motion: raytracer.Motion(**steps)})
+    part = SubsetCaster(raytracer.build(scene), np.arange(7) == 2)
+    hits = part.closest_hit((0.1, 0.2, 5.0), (0.0, 0.0, -1.0))
+    assert (hits.instance.tolist(), hits.distance.tolist()) == ([2], [3.0])
 
 
 def test_parts_are_watched_and_counted_with_the_whole():

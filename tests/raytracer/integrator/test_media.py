@@ -17,6 +17,7 @@ import raytracer
 from raytracer import (
     AreaLight,
     Closure,
+    Curves,
     Instances,
     Material,
     Mesh,
@@ -109,6 +110,15 @@ def test_a_medium_behind_glass_is_entered_by_refraction() -> None:
     scene = Scene(meshes=make_box(1.0), materials=glass, camera=look(), world=WHITE)
     found = measure(scene, 4, max_bounces=8)[0]
     np.testing.assert_allclose(found / found[2], decay(1.4) / decay(1.4)[2], rtol=1e-4)
+
+
+def test_strands_have_no_medium_beside_what_has() -> None:
+    """A strand that shines before a box, and nothing where it is not."""
+    strand = Curves([(0, -4, -1), (0, -4, 1)], [0.5, 0.5], [0, 2], material=1)
+    materials = [fill(absorb()), Material((Closure("emission", color=0.5),))]
+    for place, expected in ((0.0, 0.5), (0.8, decay(2 * 0.7))):
+        scene = Scene(meshes=make_box(), curves=strand, materials=materials, camera=look((place, -10, 0)), world=WHITE)
+        np.testing.assert_allclose(measure(scene, 1)[0], np.broadcast_to(expected, 3), rtol=TOLERANCE)
 
 
 def test_what_shines_within_is_seen_through_what_is_before_it() -> None:
