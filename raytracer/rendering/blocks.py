@@ -241,10 +241,7 @@ class BlockTracer:
         if self._centre_integrator and block.sample == 0:
             first = slice(0, len(block))
             centre_values = self._trace(self._centre_integrator, column[first], row[first], samples.select(first))
-        if isinstance(block, Block) and block.strip is not None:
-            for number in range(block.samples):
-                add_sample(block.strip, slice(None), block, values, number)
-            values = {}
+        values = add_to_strip(block, values)
         rays, seconds = self._caster.rays - rays_before, time.perf_counter() - started
         return BlockResult(block, values, centre_values, rays, seconds)
 
@@ -261,6 +258,15 @@ def add_sample(film: Film, pixels: slice | Indices, block: Block, values: Mappin
     """Add one of the samples that a block has of each of its pixels to those of a film."""
     rows = slice(number * len(block), (number + 1) * len(block))
     film.add(pixels, {name: part[rows] for name, part in values.items()}, (block.sample + number) % REPLICATIONS)
+
+
+def add_to_strip(block: Block | ListedBlock, values: Mapping[str, Floats]) -> Mapping[str, Floats]:
+    """Add the samples of a block to its strip of the film, where it has one; return those that are to be sent back."""
+    if isinstance(block, ListedBlock) or block.strip is None:
+        return values
+    for number in range(block.samples):
+        add_sample(block.strip, slice(None), block, values, number)
+    return {}
 
 
 def hand_out(film: Film, blocks: Iterable[Block | ListedBlock]) -> Iterator[Block | ListedBlock]:

@@ -19,7 +19,16 @@ from raytracer.film.passes import find_pass
 from raytracer.film.shutter import choose_side, find_middle, sample_times
 from raytracer.integrator.settings import Settings
 from raytracer.lights.environment import Environment
-from raytracer.rendering.blocks import Block, BlockResult, BlockTracer, FrameWindow, ListedBlock, _never, number_pixels
+from raytracer.rendering.blocks import (
+    Block,
+    BlockResult,
+    BlockTracer,
+    FrameWindow,
+    ListedBlock,
+    _never,
+    add_to_strip,
+    number_pixels,
+)
 from raytracer.scene.moments import find_moment, moves_geometry
 from raytracer.scene.scene import Scene
 
@@ -89,7 +98,7 @@ class MovingTracer:
                 result = self._trace(self._centred, part, moment)
                 rays += result.rays
                 _put(centre_values, rows, result.centre_values or {}, len(block))
-        return BlockResult(block, values, centre_values, rays, time.perf_counter() - started)
+        return BlockResult(block, add_to_strip(block, values), centre_values, rays, time.perf_counter() - started)
 
     def _split(self, block: Block, number: int | None) -> Iterator[tuple[Indices, Block, float]]:
         """Yield the rows of a block's pixels that are seen at one time, as a block of their own, and the time.

@@ -239,7 +239,9 @@ def test_bits_depend_on_no_block_tile_worker_or_pause(tmp_path):
     scene, size, settings = make_moving_scene(), (16, 12), {"passes": PASSES}
     whole = render(scene, *size, 4, **settings)
     assert same(whole, render(scene, *size, 4, block_size=50, **settings))
-    assert same(whole, render(scene, *size, 4, workers=2, block_size=60, **settings))
+    with raytracer.Workers(2) as workers:
+        for block_size in (60, 1000):  # pixels of one sample, and several samples of all
+            assert same(whole, render(scene, *size, 4, workers=workers, block_size=block_size, **settings))
     film = render(scene, *size, 4, until=2, **settings)
     raytracer.save_film(film, tmp_path / "film.npz")
     assert same(whole, render(scene, *size, 4, film=raytracer.load_film(tmp_path / "film.npz"), **settings))
