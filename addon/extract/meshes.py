@@ -191,6 +191,26 @@ def assign_materials(
     return geometry.mesh.with_material(material, attributes or None)
 
 
+def read_shape(mesh: Any, corners: NDArray[np.int32] | None) -> tuple[NDArray[Any], NDArray[Any] | None] | None:
+    """Return positions (v, 3) and normals, of vertices or of the corners of triangles; None where some are not finite.
+
+    corners : (t, 3) face corners of the triangles in the middle of the time, or None
+    """
+    positions = read_attribute(mesh, "position", "vector", np.float32, 3)
+    if positions is None:
+        return None
+    normals = None
+    if corners is not None:
+        all_corners = read_array(mesh.corner_normals, "vector", np.float32, 3)
+        if corners.max() >= len(all_corners):
+            return None
+        normals = all_corners[corners]
+    elif mesh.normals_domain == "POINT":
+        normals = read_array(mesh.vertex_normals, "vector", np.float32, 3)
+    finite = np.isfinite(positions).all() and (normals is None or np.isfinite(normals).all())
+    return (positions, normals) if finite else None
+
+
 @dataclass(frozen=True)
 class Points:
     """A point cloud in object space.

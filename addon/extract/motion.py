@@ -1,17 +1,20 @@
 """What moves while the shutter is open: Blender's frames in between, as Cycles reads them.
 
 The scene is read in the middle of the shutter's time. Then the depsgraph is set to each time at which something has a
-step, and only matrices, and the corners and normals of meshes that deform, are read there. An object with s Motion
-Steps has 2^s + 1 of them, so that objects with others share most times. Lights stay where they are, as in Cycles.
+step, and only matrices, and the corners and normals of meshes and the strands that deform, are read there. An object
+with s Motion Steps has 2^s + 1 of them, so that objects with others share most times. Lights stay where they are, as in
+Cycles.
 
 References
 ----------
 Blender, intern/cycles/blender/sync.cpp (sync_motion), blender/object.cpp (object_motion_steps, sync_object),
-blender/mesh.cpp (sync_mesh_motion), blender/camera.cpp (sync_camera_motion), scene/object.cpp (motion_time).
+blender/mesh.cpp (sync_mesh_motion), blender/curves.cpp (sync_hair_motion), blender/camera.cpp (sync_camera_motion),
+scene/object.cpp (motion_time).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,9 +26,10 @@ from raytracer.film.camera import measure_film_extent
 
 from .. import versions
 from .camera import read_camera
-from .meshes import Points, extract_points, read_array, read_attribute, read_corners
+from .meshes import Points, extract_points, read_corners, read_shape
 from .shutter import SetFrame, Shutter, read_curve
-from .strand_motion import PlacedStrands, change_shape, read_first_strands
+from .strand_motion import FollowedStrands, PlacedStrands, StrandTrack, make_curves_motion, read_shapes, start_track
+from .strands import Strands
 from .warnings import WarningList
 
 # Cycles takes no more steps of an object.
@@ -33,7 +37,7 @@ MOST_STEPS = 129
 # Of what the Vector pass tells: the frame before, this one and the next.
 STEPS_OF_NEIGHBORS = 3
 
-# What moves; voxels, and hair, do so as a whole.
+# What moves; voxels do so as a whole.
 MOVING_TYPES = ("MESH", "POINTCLOUD", "VOLUME", "CURVES")
 # `session_uid` of the object, its instancer, the kind of data, and which of the instancer's instances it is.
 TrackKey = tuple[int, int, str, tuple[int, ...]]
@@ -47,7 +51,7 @@ class Track:
     deforms : True where its mesh, or its points, may change their shape
     clouds : its points by time, where they may
     corners : (triangles, 3) corners of faces, where the mesh has normals of its own there
-    strands : of each particle system, the first strand by time
+    strands : of hair that may change its shape, or None
     """
 
     steps: int
@@ -58,7 +62,7 @@ class Track:
     matrices: dict[float, NDArray[np.float64]] = field(default_factory=dict)
     shapes: dict[float, tuple[NDArray[Any], NDArray[Any] | None]] = field(default_factory=dict)
     clouds: dict[float, Points | None] = field(default_factory=dict)
-    strands: dict[float, list[NDArray[np.float64]]] = field(default_factory=dict)
+    strands: StrandTrack | None = None
 
 
 @dataclass(frozen=True)
@@ -114,13 +118,16 @@ class Tracks:
         return self.steps is None
 
     def note_strands(self, instance: Any, source: Any, instancer: Any, mesh: int | None) -> None:
-        """Note strands, which move with the object that they are or grow on; they tell nothing to the Vector pass."""
-        steps = count_steps(instance.object, instancer) if self.is_blur else 0
+        """Note strands, which move with the object that they are or grow on, and may change their shape."""
+        shown = instance.object
+        steps = self.steps or count_steps(shown, instancer)
         key = find_key(instance, source, instancer)
-        if steps:
-            track = self.tracks.setdefault(key, Track(steps, False, source.name, True))
-            track.strands[0.0] = read_first_strands(source)
         self.keys.append(key if steps else None)
+        if not steps:
+            return
+        track = self.tracks.setdefault(key, Track(steps, False, source.name, True))
+        if track.strands is None and (self.steps is not None or use_deformation(shown, instancer)):
+            track.strands = start_track(shown, source.is_deform_modified(self.scene, "RENDER"))
 
     def list_times(self) -> set[float]:
         """Return all times at which something has a step, but for the middle."""
@@ -136,8 +143,17 @@ class Tracks:
         matrices = [track.matrices.get(time, middle) for time in list_times(track.steps)]
         return matrices if any((matrix != middle).any() for matrix in matrices) else None
 
+    def follow_hair(self) -> Iterator[FollowedStrands]:
+        """Yield what is known of the motion of each group of curves."""
+        for number, group in enumerate(self.hair):
+            key = self.keys[group.row]
+            if key is not None:
+                track, matrices = self.tracks[key], self.list_matrices(group.row, group.world_from_object)
+                yield FollowedStrands(number, group, track.strands, list_times(track.steps), matrices, track.name)
+
     def read(self, depsgraph: Any, time: float) -> None:
         """Read matrices and shapes as the depsgraph shows them at a time."""
+        strands: dict[tuple[int, int], dict[str, Strands]] = {}  # by object and data, once for all of its instances
         for instance in depsgraph.object_instances:
             shown = instance.object
             if shown.type not in MOVING_TYPES or not (instance.show_self or instance.show_particles):
@@ -151,8 +167,11 @@ class Tracks:
             matrix[3] = (0.0, 0.0, 0.0, 1.0)
             if np.isfinite(matrix).all():
                 track.matrices[time] = matrix
-            if track.strands:
-                track.strands[time] = read_first_strands(source)
+            if track.strands is not None and track.strands.changes:
+                of = source.original.session_uid, shown.data.as_pointer()
+                if of not in strands:
+                    strands[of] = read_shapes(shown, source, depsgraph.mode == "RENDER")
+                track.strands.shapes[time] = strands[of]
             if track.deforms and track.is_mesh:
                 shape = read_shape(shown.data, track.corners)
                 if shape is not None:
@@ -187,26 +206,6 @@ def find_key(instance: Any, source: Any, instancer: Any) -> TrackKey:
     return source.original.session_uid, instancer.original.session_uid, instance.object.type, identity
 
 
-def read_shape(mesh: Any, corners: NDArray[np.int32] | None) -> tuple[NDArray[Any], NDArray[Any] | None] | None:
-    """Return positions (v, 3) and normals, of vertices or of the corners of triangles; None where some are not finite.
-
-    corners : (t, 3) face corners of the triangles in the middle of the time, or None
-    """
-    positions = read_attribute(mesh, "position", "vector", np.float32, 3)
-    if positions is None:
-        return None
-    normals = None
-    if corners is not None:
-        all_corners = read_array(mesh.corner_normals, "vector", np.float32, 3)
-        if corners.max() >= len(all_corners):
-            return None
-        normals = all_corners[corners]
-    elif mesh.normals_domain == "POINT":
-        normals = read_array(mesh.vertex_normals, "vector", np.float32, 3)
-    finite = np.isfinite(positions).all() and (normals is None or np.isfinite(normals).all())
-    return (positions, normals) if finite else None
-
-
 def read_motion(
     depsgraph: Any,
     tracks: Tracks,
@@ -227,15 +226,14 @@ def read_motion(
             cameras[time] = read_camera(camera.evaluated_get(depsgraph), depsgraph.scene_eval.render, WarningList())
     moving = make_camera_motion([cameras[time] for time in camera_times])
     instances, meshes = make_instance_motion(tracks, scene), make_mesh_motion(tracks, scene)
-    spheres, curves = (make_spheres_motion(tracks), make_curves_motion(tracks)) if tracks.is_blur else ([], [])
+    seconds = shutter.length * depsgraph.scene.render.fps_base / depsgraph.scene.render.fps
+    curves = make_curves_motion(tracks.follow_hair(), seconds, warnings)
+    spheres = make_spheres_motion(tracks) if tracks.is_blur else []
     warn_points(tracks, warnings)
-    for track in tracks.tracks.values():
-        if change_shape(list(track.strands.values())):
-            warnings.add("motion blur of hair that changes its shape is not supported: it moves as a whole", track.name)
     if not (moving or instances or meshes or spheres or curves):
         return None
     if tracks.steps is not None:
-        return raytracer.Motion(moving, instances, meshes)
+        return raytracer.Motion(moving, instances, meshes, curves=curves)
     shutter_curve, rolling = read_curve(depsgraph.scene.render), versions.read_rolling_shutter(depsgraph.scene)
     return raytracer.Motion(moving, instances, meshes, spheres, curves, shutter_curve, rolling)
 
@@ -279,17 +277,6 @@ def make_spheres_motion(tracks: Tracks) -> list[raytracer.SpheresMotion]:
         matrices = tracks.list_matrices(group.row, group.world_from_object)
         if matrices is not None:
             motion.append(raytracer.SpheresMotion(number, group.points.centres, group.points.radii, matrices))
-    return motion
-
-
-def make_curves_motion(tracks: Tracks) -> list[raytracer.CurvesMotion]:
-    """Return the motion of the strands that move."""
-    motion = []
-    for number, group in enumerate(tracks.hair):
-        matrices = tracks.list_matrices(group.row, group.world_from_object)
-        if matrices is not None:
-            shape = group.strands.points[np.newaxis], group.strands.radii[np.newaxis]
-            motion.append(raytracer.CurvesMotion(number, *shape, matrices))
     return motion
 
 

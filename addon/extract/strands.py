@@ -38,6 +38,7 @@ class Strands:
     first : (s + 1,) int32, the first point of each strand, then p
     thick : True for round strands, False for ribbons
     number : of the first strand, among all of the object's
+    system : the name of the particle system that they are, "" of a Curves object
     attributes, strand_attributes : by name, (p, k) and (s, k) float64, what materials read of points and of strands
     uvs : (s, 2) float64, or None
     """
@@ -47,6 +48,7 @@ class Strands:
     first: NDArray[np.int32]
     thick: bool = False
     number: int = 0
+    system: str = ""
     attributes: dict[str, Values] | None = None
     strand_attributes: dict[str, Values] | None = None
     uvs: Values | None = None
@@ -69,18 +71,13 @@ def extract_curves(data: Any, name: str, thick: bool, names: Iterable[str], warn
 
     names : of the attributes that materials read
     """
-    points = read_attribute(data, "position", "vector", np.float32, 3)
-    if points is None or not len(points):
+    strands = read_curves(data)
+    if strands is None:
         return None
-    radii = read_attribute(data, "radius", "value", np.float32)
-    if radii is None:
-        radii = np.full(len(points), DEFAULT_RADIUS, dtype=np.float32)
-    first = read_array(data.curve_offset_data, "value", np.intc)
     kinds = read_attribute(data, "curve_type", "value", np.intc)
     if kinds is not None and len(kinds) and kinds[0] == POLY:
         warnings.add("curves of type Poly are shown smooth, as round strands", name)
         thick = True
-    strands = Strands(points.astype(np.float64), np.maximum(radii.astype(np.float64), 0.0), first, thick)
     values: dict[str, tuple[str, Values]] = {}
     for attribute in (data.attributes.get(each) for each in sorted(set(names) - UNNAMED)):
         found = None if attribute is None else read_values(attribute)
@@ -90,11 +87,32 @@ def extract_curves(data: Any, name: str, thick: bool, names: Iterable[str], warn
         values[AXIS] = "POINT", np.nan_to_num(read_array(data.normals, "vector", np.float32, 3)).astype(np.float64)
     strands = replace(
         strands,
+        thick=thick,
         attributes={each: found for each, (domain, found) in values.items() if domain == "POINT"},
         strand_attributes={each: found for each, (domain, found) in values.items() if domain == "CURVE"},
         uvs=read_curve_uvs(data) if DEFAULT_UV in names else None,
     )
     return drop_broken(measure_strands(strands, names), name, warnings)
+
+
+def read_curves(data: Any) -> Strands | None:
+    """Return points and radii of a Curves data-block, or None without any."""
+    points = read_attribute(data, "position", "vector", np.float32, 3)
+    if points is None or not len(points):
+        return None
+    radii = read_attribute(data, "radius", "value", np.float32)
+    if radii is None:
+        radii = np.full(len(points), DEFAULT_RADIUS, dtype=np.float32)
+    first = read_array(data.curve_offset_data, "value", np.intc)
+    return Strands(points.astype(np.float64), np.maximum(radii.astype(np.float64), 0.0), first)
+
+
+def read_velocity(data: Any) -> Values | None:
+    """Return how fast points of a Curves data-block move, (p, 3) metres per second; None where they do not tell."""
+    attribute = data.attributes.get("velocity")
+    if attribute is None or (attribute.domain, attribute.data_type) != ("POINT", "FLOAT_VECTOR"):
+        return None
+    return read_array(attribute.data, "vector", np.float32, 3).astype(np.float64)
 
 
 # Blender's number of curves whose points are joined by straight lines.
@@ -141,6 +159,17 @@ def extract_hair(
     names : of the attributes that materials read
     """
     system = modifier.particle_system
+    strands = read_hair(source, system, is_render)
+    if strands is None:
+        return None
+    particles, roots = list_particles(system, is_render), strands.points[strands.first[:-1]]
+    strands = measure_strands(replace(strands, thick=thick, number=number), names)
+    strands = replace(strands, **read_roots(source, modifier, particles, roots, names, strands))
+    return drop_broken(strands, source.name, warnings)
+
+
+def read_hair(source: Any, system: Any, is_render: bool) -> Strands | None:
+    """Return points and radii of a particle system, or None without any."""
     particles, settings = list_particles(system, is_render), system.settings
     if not particles:
         return None
@@ -150,16 +179,13 @@ def extract_hair(
         points=points.reshape(-1, 3),
         radii=np.zeros(count * steps),
         first=np.arange(0, count * steps + 1, steps, dtype=np.int32),
-        thick=thick,
-        number=number,
+        system=system.name,
     )
     intercept, _ = measure(strands)
     radii = find_radii(settings, intercept).reshape(count, steps)
     if settings.use_close_tip:
         radii[:, -1] = 0.0
-    strands = measure_strands(replace(strands, radii=radii.reshape(-1)), names)
-    strands = replace(strands, **read_roots(source, modifier, particles, points[:, 0], names, strands))
-    return drop_broken(strands, source.name, warnings)
+    return replace(strands, radii=radii.reshape(-1))
 
 
 def read_paths(source: Any, system: Any, particles: range, is_render: bool) -> Values:

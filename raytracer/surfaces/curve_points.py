@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.rows import any_column, make_zeros, take_rows
-from raytracer.arrays.types import Floats, Numbers, Vectors
+from raytracer.arrays.types import Floats, Integers, Numbers, Vectors
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.curves.ray_space import POSITION_ERROR
 from raytracer.casting.curves.strands import Strands, find_bezier
@@ -61,6 +61,13 @@ def find_curve_points(geometry: Geometry, rays: Rays, hits: Hits) -> CurvePoints
         return None
     rows = np.flatnonzero(geometry.belongs_to_kind(hits.instance, Kind.CURVE))
     return _make_points(geometry, geometry.strands, rows, rays.select(rows), hits.select(rows)) if len(rows) else None
+
+
+def find_curve_centres(geometry: Geometry, instance: Integers, primitive: Integers, u: Floats) -> Floats:
+    """Return the points P(u) (n, 3) of the center lines of segments, given by group and segment."""
+    assert geometry.strands is not None
+    strands, segment = geometry.strands, geometry.find_rows(join_id(geometry, instance, primitive), Kind.CURVE)
+    return _evaluate(strands.keys.take(strands.rows.take(segment, axis=0), axis=0), u).centre
 
 
 def describe_strands(points: CurvePoints | None, hits: Hits) -> dict[str, Floats]:

@@ -159,63 +159,6 @@ def test_instances_of_curves_stand_where_they_are_put(scene_with_camera: Any) ->
     assert [curves.points[0, 0] for curves in found] == [10, 20]
 
 
-def extract_motion(scene: Any) -> Any:
-    """Extract with the shutter open from frame 0 to frame 2."""
-    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 2.0
-    scene.frame_set(1)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    return extract_scene(depsgraph, set_frame=lambda frame, part: scene.frame_set(frame, subframe=part))
-
-
-def move(shown: Any) -> None:
-    """Key the place of an object, one metre further along x each frame."""
-    for frame in (0, 1, 2):
-        shown.location.x = frame - 1.0
-        shown.keyframe_insert("location", frame=frame)
-
-
-def test_hair_moves_with_its_object(scene_with_camera: Any) -> None:
-    move(add_curves(scene_with_camera))
-    extraction = extract_motion(scene_with_camera)
-    (moving,) = extraction.scene.motion.curves
-    assert moving.group == 0
-    assert_allclose(moving.world_from_object[:, 0, 3], [-1, 0, 1], atol=1e-6)
-    assert_allclose(moving.points[0], extraction.scene.curves[0].points, atol=1e-6)
-    assert not extraction.warnings
-
-
-@pytest.mark.parametrize("is_shown", [True, False])
-def test_fur_moves_with_what_it_grows_on(scene_with_camera: Any, is_shown: bool) -> None:
-    shown = add_furry_square(scene_with_camera)
-    shown.show_instancer_for_render = is_shown
-    move(shown)
-    extraction = extract_motion(scene_with_camera)
-    motion = extraction.scene.motion
-    assert_allclose(motion.curves[0].world_from_object[:, 0, 3], [-1, 0, 1], atol=1e-6)
-    assert not extraction.warnings
-
-
-def test_hair_that_stands_still_has_no_motion(scene_with_camera: Any) -> None:
-    add_curves(scene_with_camera)
-    extraction = extract_motion(scene_with_camera)
-    assert extraction.scene.motion is None
-    assert not extraction.warnings
-
-
-def test_fur_that_changes_its_shape_is_named(scene_with_camera: Any) -> None:
-    shown = add_furry_square(scene_with_camera)
-    shown.shape_key_add(name="Basis")
-    key = shown.shape_key_add(name="Up")
-    for point in key.data:
-        point.co.z += 1.0
-    for frame in (0, 1, 2):
-        key.value = frame / 2.0
-        key.keyframe_insert("value", frame=frame)
-    extraction = extract_motion(scene_with_camera)
-    expected = "motion blur of hair that changes its shape is not supported: it moves as a whole"
-    assert [expected in str(warning) for warning in extraction.warnings] == [True]
-
-
 def test_a_view_layer_without_strands_shows_none(scene_with_camera: Any) -> None:
     add_curves(scene_with_camera)
     add_furry_square(scene_with_camera)

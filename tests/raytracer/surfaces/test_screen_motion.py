@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import raytracer
 from raytracer.rendering.render import render
@@ -109,3 +110,45 @@ def test_a_panorama_tells_of_turning():
 def test_a_picture_without_the_pass_pays_nothing(monkeypatch):
     forbid(monkeypatch, "make_screen_motion", "find_vectors")
     render(make_lit_scene(), 4, 3, 1, passes=("Combined", "Depth"))
+
+
+def make_strand(shape="ribbon"):
+    """A strand along y that is wider than the picture, far below it, and bends where it is out of sight."""
+    points = np.zeros((7, 3))
+    points[:, 1], points[:, 2] = np.arange(-99, 100, 33), -99
+    points[[0, -1], 0] = 3, -5
+    curves = raytracer.Curves(points, [20.0] * 7, [0, 7], shape=shape)
+    return raytracer.Scene(curves=curves, camera=make_plane().camera)
+
+
+def follow(scene, points, matrices=None):
+    radii = np.tile(scene.curves[0].radii, (len(points), 1))
+    return raytracer.CurvesMotion(0, points, radii, move((0, 0, 0), (0, 0, 0)) if matrices is None else matrices)
+
+
+@pytest.mark.parametrize("shape", ["ribbon", "thick"])
+def test_a_strand_that_moves_was_behind_and_will_be_ahead(shape):
+    """As a whole, and point by point."""
+    scene, places = make_strand(shape), move((-1, 2, 0), (0, 0, 0), (3, 0.5, 0))
+    still = scene.curves[0].points
+    for motion in (follow(scene, still[np.newaxis], places), follow(scene, still + places[:, np.newaxis, :3, 3])):
+        assert np.abs(show(scene, curves=motion) - (-1, 2, -3, -0.5)).max() < ROUNDING
+
+
+def test_a_strand_that_changes_its_shape_moves_each_point_by_those_around_it():
+    """All points of a strand go along x by their height over 33: so does each place between them, of the spline."""
+    scene = make_strand()
+    still = scene.curves[0].points
+    steps = np.stack([still] * 3)
+    steps[0, :, 0] += still[:, 1] / 33
+    found = show(scene, curves=follow(scene, steps))
+    y = (np.arange(HEIGHT) + 0.5 - HEIGHT / 2)[::-1]
+    # The curve's place along y is that of u, on these even points, and the ray's.
+    assert np.abs(found[..., 0] - y[:, np.newaxis] / 33).max() < 1e-6 * WIDTH
+    assert not found[..., 1:].any()
+
+
+def test_strands_that_stand_still_have_no_vector():
+    scene = make_strand()
+    assert not show(scene).any()
+    assert not show(scene, curves=follow(scene, scene.curves[0].points[np.newaxis])).any()
