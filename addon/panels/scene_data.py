@@ -134,7 +134,7 @@ class RAYTRACER_OBJECT_PT_caustics(EnginePanel, bpy.types.Panel):
 
     bl_label = "Caustics"
     bl_context = "object"
-    bl_parent_id = "OBJECT_PT_shading"
+    bl_parent_id = versions.SHADING_PANEL
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
