@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from raytracer.arrays.rows import mean_column, sum_columns, take_rows
-from raytracer.arrays.types import Booleans, Floats, Indices, Integers
+from raytracer.arrays.types import Booleans, Floats, Indices, Integers, Vectors
 from raytracer.bsdfs.bounce_kinds import SCATTERED, describe_kinds
 from raytracer.bsdfs.lobe_colors import sum_lobe_colors
 from raytracer.casting.rays import Hits
@@ -112,10 +112,17 @@ def add_visible_lights(
 
     dim : what media on the way do to their light; None where there are none
     """
-    for light in integrator.visible_lights:
-        add_visible_light(integrator, light, passes, paths, hits, dim=dim)
+    if integrator.visible_lights:
+        directions = find_unit_directions(paths)
+        for light in integrator.visible_lights:
+            add_visible_light(integrator, light, passes, paths, hits, directions, dim=dim)
     for group in integrator.visible_groups:
         add_visible_group(integrator, group, passes, paths, hits, dim)
+
+
+def find_unit_directions(paths: Paths) -> Vectors:
+    """Return the unit directions (n, 3) of paths: those of camera rays may have any length."""
+    return paths.rays.directions / length(paths.rays.directions)[:, np.newaxis]
 
 
 def add_visible_group(
@@ -127,9 +134,10 @@ def add_visible_group(
     ray, number = find_near_lights(group.tree, paths.scatter_origin, paths.rays.directions)
     chance = find_chances(group, paths, ray, number)
     for light, pairs in split_by_light(group, number):
-        met = ray[pairs]
-        within = None if dim is None else partial(_dim_some, dim, rows[met])
-        add_visible_light(integrator, light, passes, paths.select(met), hits.select(met), chance[pairs], within)
+        within = None if dim is None else partial(_dim_some, dim, rows[ray[pairs]])
+        met, stops = paths.select(ray[pairs]), hits.select(ray[pairs])
+        directions = find_unit_directions(met)
+        add_visible_light(integrator, light, passes, met, stops, directions, chance[pairs], within)
 
 
 def find_chances(group: LightGroup, paths: Paths, ray: Indices, light: Integers) -> Floats:
@@ -154,18 +162,23 @@ def add_visible_light(
     passes: PathPasses,
     paths: Paths,
     hits: Hits,
+    directions: Vectors,
     chance: Floats | float = 1.0,
     dim: Dim | None = None,
 ) -> None:
-    """Add what rays see of one light; the directions of camera rays may have any length.
+    """Add what rays see of one light.
 
+    directions : (n, 3) unit, of the paths
     chance : with which the light was aimed at where the rays come from, one for all or (n,)
     dim : as of `add_visible_lights`
     """
-    unit = length(paths.rays.directions)
-    seen = evaluate_light(light, paths.scatter_origin, paths.rays.directions / unit[:, np.newaxis])
-    begun = (paths.travelled < seen.distance) | (paths.travelled == 0)
-    passed = (seen.density > 0) & begun & (seen.distance <= hits.distance * unit)
+    seen = evaluate_light(light, paths.scatter_origin, directions)
+    rows = np.flatnonzero(seen.density > 0)  # few
+    if not len(rows):
+        return
+    paths, seen = paths.select(rows), seen.select(rows)
+    passed = (paths.travelled < seen.distance) | (paths.travelled == 0)
+    passed &= seen.distance <= hits.distance[rows] * length(paths.rays.directions)
     passed &= meet_lights(paths.kind, light.seen_by)
     if integrator.links is not None:
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)
@@ -173,10 +186,10 @@ def add_visible_light(
         passed &= ~integrator.caustics.leaves(light, paths)
     if light.blockers != ALL_SETS:
         passed &= paths.direct  # `shadow_linking` sees to what others meet
-    rows = np.flatnonzero(passed)
-    if len(rows):
+    kept = np.flatnonzero(passed)
+    if len(kept):
+        rows, paths, seen = rows[kept], paths.select(kept), seen.select(kept)
         chance = chance if isinstance(chance, float) else chance[rows]
-        paths, seen = paths.select(rows), seen.select(rows)
         if dim is not None:
             paths = replace(paths, throughput=paths.throughput * dim(rows, seen.distance))
         add_light_met(integrator, light, passes, paths, seen, chance)

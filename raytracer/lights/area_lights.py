@@ -153,18 +153,19 @@ def _sample_parallel_area(light: AreaLight, positions: Floats) -> LightSamples:
 
 
 def evaluate_area(light: AreaLight, origins: Floats, directions: Floats) -> LightHits:
-    """Few rays meet a light: what they see of it is computed for those alone."""
+    """Few rays meet a light: what they see of it is computed for those alone that head for the side that shines."""
     u, v, axis = unit_axes(light)
-    low, high, height = _visible_part(light, origins)
+    facing = np.flatnonzero((dot(origins - light.position, axis) > 0) & (dot(directions, axis) < 0))
+    count, origins, directions = len(origins), take_rows(origins, facing), take_rows(directions, facing)
+    low, high, _ = _visible_part(light, origins)
     distance = intersect_plane(origins, directions, axis, dot(axis, light.position))
     offset = point_on_line(origins, directions, distance) - light.position
     local = join_columns(dot(offset, u), dot(offset, v))
-    hit = (height > 0) & (distance > 0) & all_columns(local >= low) & all_columns(local <= high)
-    rows = np.flatnonzero(hit)
+    rows = np.flatnonzero((distance > 0) & all_columns(local >= low) & all_columns(local <= high))
     rows = rows[_is_inside(light, take_rows(local, rows))]
     low, high, distance, solid_angle = low[rows], high[rows], distance[rows], None
     if not _is_sampled_by_area(light):
         solid_angle = rectangle_solid_angle(_relative(light, take_rows(origins, rows)), low, high)
     cosine = -dot(take_rows(directions, rows), axis)
     density = _area_density(light, low, high, distance, cosine, solid_angle)
-    return place_hits(rows, len(origins), distance, area_radiance(light, cosine), density)
+    return place_hits(facing[rows], count, distance, area_radiance(light, cosine), density)
