@@ -181,10 +181,23 @@ def list_meshes(geometry: Geometry, instances: NDArray) -> NDArray[np.intp]:
 def world_corners(geometry: Geometry, instance: Integers, primitive: Integers) -> Corners:
     """Return the world-space corners a, b, c, each (n, 3) float64, of triangles given by instance and primitive."""
     row = geometry.mesh_first[geometry.instance_mesh[instance]] + primitive
-    vertices = geometry.triangles[row]  # (n, 3)
-    matrices = geometry.world_from_object[instance]  # (n, 4, 4)
-    a, b, c = (transform_points(matrices, geometry.positions[vertices[:, corner]]) for corner in range(3))
+    vertices = geometry.triangles.take(row, axis=0)  # (n, 3)
+    # Element by element, over all triangles: by rows of three each product would take five times as long.
+    matrices = geometry.world_from_object
+    matrices = matrices if len(matrices) == 1 else matrices.take(instance, axis=0)
+    elements = np.ascontiguousarray(np.moveaxis(matrices, 0, -1))  # (4, 4, n), or (4, 4, 1) for all
+    a, b, c = (_place(elements, geometry.positions.take(corner, axis=0)) for corner in vertices.T)
     return a, b, c
+
+
+def _place(elements: Floats, points: Floats) -> Floats:
+    """Do what `transform_points` does for one matrix for each of (n, 3) points, whose elements (4, 4, n) come one after
+    the other; the result lies column by column in memory."""
+    x, y, z = np.ascontiguousarray(points.T)
+    placed = np.empty((3, len(x)))
+    for (m0, m1, m2, m3), coordinate in zip(elements[:3], placed, strict=True):
+        coordinate[:] = ((m0 * x + m1 * y) + m2 * z) + m3
+    return placed.T
 
 
 def instance_corners(geometry: Geometry, instance: int) -> Floats:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import join_columns, lay_columns, take_rows
+from raytracer.arrays.rows import join_columns, largest_column, lay_columns, take_rows
 from raytracer.arrays.types import Floats, Integers
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import Geometry, split_id, world_corners
@@ -178,12 +178,15 @@ def measure_triangles(
     """Return what does not depend on where n triangles are hit."""
     a, b, c = world_corners(geometry, instance, primitive)
     magnitude = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(c))
-    size = 2.0 * np.maximum(np.abs(b - a), np.abs(c - a)).max(axis=1)  # above the length of either edge
+    first, second = b - a, c - a
+    size = 2.0 * largest_column(np.maximum(np.abs(first), np.abs(second)))  # above the length of either edge
     error = INTERPOLATION_ERROR * length(magnitude) + CASTER_ERROR * size
     # Edges are scaled before their product, which would underflow for triangles below 1e-160.
     scale = np.where(size > 0, size, 1.0)[:, np.newaxis]
-    normal = normalize(cross((b - a) / scale, (c - a) / scale))
-    return Triangles(a, b, c, np.where(mirrored[instance, np.newaxis], -normal, normal), error)
+    normal = normalize(lay_columns(cross(first / scale, second / scale)))
+    turned = mirrored[instance]
+    normal = np.where(turned[:, np.newaxis], -normal, normal) if turned.any() else normal
+    return Triangles(a, b, c, normal, error)
 
 
 def _measure_all_triangles(geometry: Geometry, mirrored: NDArray[np.bool_]) -> Triangles | None:
@@ -191,9 +194,7 @@ def _measure_all_triangles(geometry: Geometry, mirrored: NDArray[np.bool_]) -> T
     count = int(geometry.first_id[len(geometry.instance_mesh)])
     if count > LARGEST_TABLE:
         return None
-    found = measure_triangles(geometry, mirrored, *split_id(geometry, np.arange(count)))
-    a, b, c, normal = map(lay_columns, (found.a, found.b, found.c, found.normal))
-    return Triangles(a, b, c, normal, found.error)
+    return measure_triangles(geometry, mirrored, *split_id(geometry, np.arange(count)))
 
 
 def interpolate(weights: Floats, a: Floats, b: Floats, c: Floats) -> Floats:
