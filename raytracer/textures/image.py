@@ -13,6 +13,7 @@ IEC 61966-2-1: the curve of sRGB.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -120,7 +121,7 @@ def read_image(image: Image, uv: Floats, interpolation: str = "Linear", extensio
     extension : one of EXTENSIONS
     """
     height, width = image.pixels.shape[:2]
-    total = blend_pixels(image.pixels.reshape(-1, 4).__getitem__, height, width, uv, interpolation, extension)
+    total = blend_pixels(partial(image.pixels.reshape(-1, 4).take, axis=0), height, width, uv, interpolation, extension)
     return scale_stored(total, image)
 
 
@@ -139,11 +140,13 @@ def blend_pixels(
     """
     rows = _find_taps(uv[:, 1], height, interpolation, extension)
     columns = _find_taps(uv[:, 0], width, interpolation, extension)
-    total = np.zeros((len(uv), 4))
+    total = np.zeros((4, len(uv)))
     for row, row_weight in rows:
         for column, column_weight in columns:
-            total += (row_weight * column_weight)[:, np.newaxis] * read(row * width + column)
-    return total
+            weight = row_weight * column_weight
+            for channel, stored in zip(total, read(row * width + column).T, strict=True):
+                channel += weight * stored
+    return total.T
 
 
 def scale_stored(values: Floats, image: Image) -> Floats:

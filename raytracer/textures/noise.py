@@ -13,7 +13,7 @@ Blender, intern/cycles/kernel/svm/noise.h, fractal_noise.h: choice of gradients,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,46 +83,58 @@ def hash_numbers(*numbers: Any) -> Floats:
     return hashed.astype(np.float64) / LARGEST_WORD
 
 
-def _gradient(word: Words, offset: Sequence[Floats]) -> Floats:
-    """The dot product of the lattice point's gradient, chosen by its hash, with the offset from it."""
+# Which of the offsets' components (rows: those that are added up) the low bits of a hash (columns) choose.
+CHOSEN = {
+    2: np.repeat([[0, 1], [1, 0]], 4, axis=1),
+    3: np.array([[0] * 8 + [1] * 8, [1] * 4 + [2] * 8 + [0, 2, 0, 2]]),
+    4: np.repeat([[0, 0, 0, 1], [1, 1, 2, 2], [2, 3, 3, 3]], 8, axis=1),
+}
 
-    def signed(value: Floats, bit: int) -> Floats:
-        return np.where(word & np.uint32(bit), -value, value)
 
+def _gradient(word: Words, offset: Floats) -> Floats:
+    """The dot product of the lattice point's gradient, chosen by its hash (n,), with the offset (k, n) from it.
+
+    Its components are chosen by index, and negated by their sign's bit: no processor foresees a hash, and `where` takes
+    five to twenty times as long for what it does not foresee.
+    """
     if len(offset) == 1:
-        return signed((1 + (word & np.uint32(7))) * offset[0], 8)
+        return _negate((1 + (word & np.uint32(7))) * offset[0], word, 3)
+    chosen, count = CHOSEN[len(offset)], offset.shape[1]
+    low, number = word & np.uint32(chosen.shape[1] - 1), np.arange(count)
+    parts = [offset.ravel().take((axis * count).take(low) + number) for axis in chosen]
     if len(offset) == 2:
-        is_low = (word & np.uint32(7)) < 4
-        first, second = np.where(is_low, offset[0], offset[1]), np.where(is_low, offset[1], offset[0])
-        return signed(first, 1) + signed(2.0 * second, 2)
-    if len(offset) == 3:
-        x, y, z = offset
-        low: Words = word & np.uint32(15)
-        second = np.where(low < 4, y, np.where((low == 12) | (low == 14), x, z))
-        return signed(np.where(low < 8, x, y), 1) + signed(second, 2)
-    x, y, z, w = offset
-    low = word & np.uint32(31)
-    first, second, third = np.where(low < 24, x, y), np.where(low < 16, y, z), np.where(low < 8, z, w)
-    return signed(first, 1) + signed(second, 2) + signed(third, 4)
+        parts[1] *= 2.0
+    return sum(_negate(part, word, bit) for bit, part in enumerate(parts))  # type: ignore[return-value]
+
+
+def _negate(values: Floats, word: Words, bit: int) -> Floats:
+    """Return values (n,), negated where a bit of a word (n,) is set."""
+    sign = (word & np.uint32(1 << bit)).astype(np.int64) << np.int64(63 - bit)
+    return (values.view(np.int64) ^ sign).view(np.float64)
 
 
 def perlin(points: Floats) -> Floats:
     """Gradient noise (n,) of about -1 to 1 at points (n, k): gradients at the 2^k corners of the cell, blended by the
     polynomial 6 t^5 - 15 t^4 + 10 t^3 along each axis."""
-    columns = np.fmod(points, PERIOD).T
+    columns = np.ascontiguousarray(points.T)
+    if not np.abs(columns).max(initial=0.0) < PERIOD:
+        columns = np.fmod(columns, PERIOD)
     cells = np.floor(columns)
     inside = columns - cells
-    lattice = cells.astype(np.int64)
     fade = inside**3 * (inside * (inside * 6.0 - 15.0) + 10.0)
+    lattice = cells.astype(np.int64)
+    # Of the two ends of the cell along each axis: their words, and the way from there.
+    words = [((lattice + step) & 0xFFFFFFFF).astype(np.uint32) for step in (0, 1)]
+    ways = [inside - step for step in (0, 1)]
     values: list[Floats] = []
-    dimensions = len(columns)
-    for corner in range(2**dimensions):
-        steps = [(corner >> axis) & 1 for axis in range(dimensions)]
-        word = hash_words(*((lattice[axis] + steps[axis]) & 0xFFFFFFFF for axis in range(dimensions)))
-        values.append(_gradient(word, [inside[axis] - steps[axis] for axis in range(dimensions)]))
-    for axis in range(dimensions):  # corners that differ in the first axis are neighbours
+    axes = range(len(columns))
+    for corner in range(2 ** len(columns)):
+        steps = [(corner >> axis) & 1 for axis in axes]
+        offset = np.stack([ways[step][axis] for axis, step in enumerate(steps)])
+        values.append(_gradient(hash_words(*(words[step][axis] for axis, step in enumerate(steps))), offset))
+    for axis in axes:  # corners that differ in the first axis are neighbours
         values = [low + (high - low) * fade[axis] for low, high in zip(values[::2], values[1::2], strict=True)]
-    return SCALES[dimensions - 1] * values[0]
+    return SCALES[len(columns) - 1] * values[0]
 
 
 @dataclass(frozen=True, eq=False)
