@@ -57,16 +57,17 @@ class AdaptivePlan(BlockPlan):
         return block.sample + len(block.ends) if isinstance(block, ListedBlock) else super().count_done(block)
 
     def _list_blocks(self, density: Floats) -> Iterator[ListedBlock]:
-        offset = self._offset
-        sweep, ahead = self._film.samples, self._film.ahead
+        """Yield lists of as many whole sweeps as fit into a block: one more would make two of half the size."""
+        sweep, offset, pilot = self._film.samples, self._offset, self._film.pilot
+        left = slice(self._film.ahead, None)
+        pixels, numbers = (listed[left] for listed in list_sweep(density, offset, sweep, pilot))
         while sweep < self.sweeps:
             most, first, lists, count = self._limit_sweeps(sweep), sweep, [], 0
-            while sweep - first < most and count < self.size:
-                pixels, numbers = list_sweep(density, offset, sweep, self._film.pilot)
-                lists.append((pixels[ahead:], numbers[ahead:]))
-                ahead = 0
-                count += len(lists[-1][0])
+            while sweep - first < most and (not lists or count + len(pixels) <= self.size):
+                lists.append((pixels, numbers))
+                count += len(pixels)
                 sweep += 1
+                pixels, numbers = list_sweep(density, offset, sweep, pilot)
             yield from cut_lists(first, lists, self.size)
 
 
