@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import Any
 
 import bpy
@@ -58,3 +60,20 @@ def test_node_tree_in_use_is_found_without_warning() -> None:
 @pytest.mark.parametrize(("version", "passages"), [((4, 2, 0), 3), ((4, 5, 0), 3), ((5, 0, 0), 2), ((5, 2, 3), 2)])
 def test_paths_pass_one_surface_more_before_blender_5(version: tuple[int, ...], passages: int) -> None:
     assert versions.count_passages(2, version) == passages
+
+
+# Of Blender's panels those that ours may hang below: the wheel of 4.2.0 has both. Others are for `versions` to choose.
+PANELS_OF_THE_OLDEST = {"OBJECT_PT_visibility", "DATA_PT_EEVEE_light"}
+
+LIST_PARENTS = """
+from addon import versions
+versions.SHADING_PANEL = "OBJECT_PT_visibility"
+from addon.panels.registration import CLASSES
+print(*{c.bl_parent_id for c in CLASSES if hasattr(c, "bl_parent_id")} - {c.__name__ for c in CLASSES})
+"""
+
+
+def test_panels_hang_below_panels_that_the_oldest_blender_has() -> None:
+    """A parent that is missing ends the registration of the add-on with a RuntimeError."""
+    listed = subprocess.run([sys.executable, "-c", LIST_PARENTS], capture_output=True, text=True, check=True)
+    assert set(listed.stdout.split()) == PANELS_OF_THE_OLDEST
