@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays.rows import put_rows, shorten_rows
 from raytracer.arrays.types import Floats, Integers
 from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_RANGES, CLOSURE_VECTORS, Closure, shines
 from raytracer.scene.programs import Program, Register, Value
@@ -151,13 +152,18 @@ def compute_columns(computed: ComputedMaterials, recipes: Recipes, surface: Surf
     not compute that field."""
     columns: Columns = {}
     for recipe, points in sort_points(recipes, surface.material):
-        outputs = evaluate(recipe.program, make_site(computed.tables, surface, path, points), recipe.needed)
+        rows = shorten_rows(points, len(surface))
+        outputs = evaluate(recipe.program, make_site(computed.tables, surface, path, rows), recipe.needed)
         for slot, value in recipe.values.items():
+            width = 3 if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else 1
             if slot not in columns:
-                width = (3,) if slot[1] in (*CLOSURE_COLORS, *CLOSURE_VECTORS) else ()
-                columns[slot] = np.full((len(surface), *width), np.nan)
+                columns[slot] = np.full((width, len(surface)), np.nan).T if width > 1 else np.full(len(surface), np.nan)
             found = outputs[value] if isinstance(value, Register) else value
-            columns[slot][points] = limit(slot[1], found, slot in recipe.shining)
+            found = limit(slot[1], found, slot in recipe.shining)
+            if width > 1:
+                put_rows(columns[slot], rows, np.broadcast_to(found, (len(points), width)))
+            else:
+                columns[slot][rows] = found
     return columns
 
 
@@ -173,7 +179,9 @@ def sort_points(recipes: Recipes, material: Integers) -> Iterator[tuple[Recipe, 
             yield recipe, order[start:end]
 
 
-def make_site(tables: SiteTables, surface: Surface, path: LightPath | None, points: NDArray[np.intp]) -> Site:
+def make_site(
+    tables: SiteTables, surface: Surface, path: LightPath | None, points: NDArray[np.intp] | slice
+) -> Site:
     """Return some of n points of a surface as programs see them."""
     chosen, surface = None if path is None else path.select(points), surface.select(points)
     return Site(surface, tables, chosen, measure_footprint(tables, surface, chosen))
@@ -181,7 +189,8 @@ def make_site(tables: SiteTables, surface: Surface, path: LightPath | None, poin
 
 def limit(name: str, values: object, shining: bool = False) -> Floats:
     """Return a field's values cut to its range, as Cycles cuts them, light uncut; what is not finite becomes 0."""
-    found = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    found = np.asarray(values, dtype=np.float64)
+    found = np.where(np.isfinite(found), found, 0.0)
     if shining or name in CLOSURE_VECTORS:
         return found
     low, high = CLOSURE_RANGES.get(name, (0.0, np.inf))

@@ -141,7 +141,7 @@ def _select_parameters(table: MaterialTable, slot: int, material: Integers, rows
     changed = {}
     for (other, name), column in columns.items():
         if other == slot and name not in CLOSURE_VECTORS:
-            changed[name] = column[rows]
+            changed[name] = take_rows(column, rows)
     return dataclasses.replace(closures, computed=changed) if changed else closures
 
 
@@ -248,12 +248,13 @@ def _own_vectors(columns: Columns, slot: int, rows: Any, shading: Shading) -> di
         column = columns.get((slot, name))
         if column is None:
             continue
+        own = take_rows(column, rows)
         if name == "position":
-            vectors[name] = take_rows(column, rows)
+            vectors[name] = own
             continue
-        own = normalize(np.nan_to_num(column[rows]))
+        own = normalize(np.where(np.isnan(own), 0.0, own))
         if name in ("tangent", "direction", "axis"):
             vectors[name] = own
         else:
-            vectors[name] = np.where(own.any(axis=1)[:, np.newaxis], own, shading.normal[rows])
+            vectors[name] = np.where(any_column(own != 0)[:, np.newaxis], own, take_rows(shading.normal, rows))
     return vectors
