@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from raytracer.arrays.rows import join_columns, lay_columns
 from raytracer.arrays.types import Floats
 from raytracer.casting.rays import Rays
 from raytracer.film.panorama import (
@@ -53,19 +54,22 @@ def primary_rays(camera: Camera, width: int, height: int, x: Floats, y: Floats, 
     if camera.projection == "panorama":
         return panoramic_rays(camera, find_directions(camera, width, height, x, y), lens)
     film = locate_on_film(camera, width, height, x, y)  # (n, 3)
-    eye = np.zeros(3) if camera.projection == "perspective" else film + np.array([0.0, 0.0, FILM_DEPTH])
-    origins, directions = line_through(eye, film)
+    eye = np.zeros((1, 3)) if camera.projection == "perspective" else film + np.array([0.0, 0.0, FILM_DEPTH])
+    _, directions = line_through(eye, film)
     if lens is not None and camera.aperture_radius > 0:
-        start = np.pad(sample_aperture(camera, lens), ((0, 0), (0, 1)))  # (n, 3)
-        origins, directions = origins + start, directions - start / camera.focus_distance
-    return place_rays(camera, origins, directions)
+        start = join_columns(*sample_aperture(camera, lens).T, np.zeros(len(lens)))
+        eye, directions = eye + start, directions - start / camera.focus_distance
+    return place_rays(camera, eye, directions)
 
 
 def place_rays(camera: Camera, origins: Floats, directions: Floats) -> Rays:
-    """Return rays (n, 3) of camera space in world space, within the camera's clipping planes."""
+    """Return rays of camera space in world space, within the camera's clipping planes.
+
+    origins : (n, 3), or (1, 3) where all start at one point; directions : (n, 3)
+    """
     matrix = camera.world_from_camera
     return Rays(
-        origins=_rotate(matrix, origins) + matrix[:3, 3],
+        origins=lay_columns(np.broadcast_to(_rotate(matrix, origins) + matrix[:3, 3], directions.shape)),
         directions=_rotate(matrix, directions),
         t_min=np.full(len(directions), camera.clip_start),
         t_max=np.full(len(directions), camera.clip_end),
@@ -129,11 +133,11 @@ def locate_on_film(camera: Camera, width: int, height: int, x: Floats, y: Floats
     """
     fitted = measure_fitted_side(camera, width, height)
     extent = measure_film_extent(camera)
-    points = np.empty((len(x), 3))
-    points[:, 0] = extent * ((x - width / 2) / fitted + camera.shift_x)
-    points[:, 1] = extent * ((y - height / 2) / (camera.pixel_aspect * fitted) + camera.shift_y)
-    points[:, 2] = -FILM_DEPTH
-    return points
+    return join_columns(
+        extent * ((x - width / 2) / fitted + camera.shift_x),
+        extent * ((y - height / 2) / (camera.pixel_aspect * fitted) + camera.shift_y),
+        np.full(len(x), -FILM_DEPTH),
+    )
 
 
 def find_on_film(camera: Camera, width: int, height: int, points: Floats) -> tuple[Floats, Floats]:
@@ -165,7 +169,4 @@ def _rotate(matrix: Floats, vectors: Floats) -> Floats:
     One ufunc per product, not a matrix product: BLAS may round a row differently in a batch of another size.
     """
     x, y, z = vectors.T
-    rotated = np.empty_like(vectors)
-    for axis in range(3):
-        rotated[:, axis] = matrix[axis, 0] * x + matrix[axis, 1] * y + matrix[axis, 2] * z
-    return rotated
+    return join_columns(*(row[0] * x + row[1] * y + row[2] * z for row in matrix[:3]))

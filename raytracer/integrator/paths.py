@@ -148,9 +148,9 @@ def start_paths(rays: Rays) -> Paths:
     return Paths(
         row=np.arange(count),
         rays=rays,
-        throughput=lay_columns(np.ones((count, 3))),
+        throughput=np.ones((3, count)).T,
         kind=np.full(count, STRAIGHT, dtype=np.uint8),
-        bounces=lay_columns(np.zeros((count, len(COUNTED)), dtype=np.int32)),
+        bounces=np.zeros((len(COUNTED), count), dtype=np.int32).T,
         passages=np.zeros(count, dtype=np.int32),
         scatter_origin=lay_columns(rays.origins),
         scatter_normal=make_zeros(count),
@@ -239,7 +239,7 @@ def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     """Return the record of camera rays that have seen nothing."""
     count = len(rays)
     plain = [name for name in settings.passes if not find_pass(name).matte]
-    values = {name: lay_columns(np.full((count, find_pass(name).channels), find_pass(name).miss)) for name in plain}
+    values = {name: np.full((find_pass(name).channels, count), find_pass(name).miss).T for name in plain}
     mattes = select_mattes(settings.passes)
     values |= {matte_table(kind): np.zeros((count, 2 * slots)) for kind, slots in mattes.items()}
     unshadowed = np.zeros((count, 3)) if "Shadow" in values else None
