@@ -122,6 +122,8 @@ def join_rays(parts: Sequence[Rays]) -> Rays:
     """Return the rays of several records as one, in order."""
     if not parts:
         return Rays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    if len(parts) == 1:
+        return parts[0]
     origins, directions, t_min, t_max = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("origins", "directions", "t_min", "t_max")
     )

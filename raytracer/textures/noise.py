@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.arrays.rows import pick_columns
 from raytracer.arrays.types import Floats, Words
 
 # The noise repeats after so many cells, in Blender, where float32 would run out of digits.
@@ -99,9 +100,9 @@ def _gradient(word: Words, offset: Floats) -> Floats:
     """
     if len(offset) == 1:
         return _negate((1 + (word & np.uint32(7))) * offset[0], word, 3)
-    chosen, count = CHOSEN[len(offset)], offset.shape[1]
-    low, number = word & np.uint32(chosen.shape[1] - 1), np.arange(count)
-    parts = [offset.ravel().take((axis * count).take(low) + number) for axis in chosen]
+    chosen = CHOSEN[len(offset)]
+    low = word & np.uint32(chosen.shape[1] - 1)
+    parts = [pick_columns(offset.T, component.take(low)) for component in chosen]
     if len(offset) == 2:
         parts[1] *= 2.0
     return sum(_negate(part, word, bit) for bit, part in enumerate(parts))  # type: ignore[return-value]
