@@ -75,18 +75,17 @@ def area_radiance(light: AreaLight, cosine: Floats) -> Floats:
 
 
 def _visible_part(light: AreaLight, positions: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the part of the rectangle that can light each point: low (n, 2), high (n, 2) along u and v from the
-    centre, and the height (n,) of the point over the light's plane, on the side that shines."""
+    """Return the part of the rectangle that can light each point: low, high along u and v from the centre, (n, 2) or
+    (1, 2) where that is all of it, and the height (n,) of the point over the light's plane, on the side that shines."""
     u, v, axis = unit_axes(light)
     offset = positions - light.position
     height = dot(offset, axis)
-    half_size = np.stack([length(light.axis_u), length(light.axis_v)], axis=-1) / 2.0
-    low, high = np.broadcast_to(-half_size, (len(positions), 2)), np.broadcast_to(half_size, (len(positions), 2))
-    if light.spread < np.pi:
-        foot = join_columns(dot(offset, u), dot(offset, v))
-        reach = (np.maximum(height, 0.0) * np.tan(light.spread / 2.0))[:, np.newaxis]
-        low, high = np.maximum(low, foot - reach), np.minimum(high, foot + reach)
-    return low, high, height
+    high = np.atleast_2d(np.stack([length(light.axis_u), length(light.axis_v)], axis=-1) / 2.0)
+    if light.spread >= np.pi:
+        return -high, high, height
+    foot = join_columns(dot(offset, u), dot(offset, v))
+    reach = (np.maximum(height, 0.0) * np.tan(light.spread / 2.0))[:, np.newaxis]
+    return np.maximum(-high, foot - reach), np.minimum(high, foot + reach), height
 
 
 def _is_sampled_by_area(light: AreaLight) -> bool:
@@ -163,7 +162,8 @@ def evaluate_area(light: AreaLight, origins: Floats, directions: Floats) -> Ligh
     local = join_columns(dot(offset, u), dot(offset, v))
     rows = np.flatnonzero((distance > 0) & all_columns(local >= low) & all_columns(local <= high))
     rows = rows[_is_inside(light, take_rows(local, rows))]
-    low, high, distance, solid_angle = low[rows], high[rows], distance[rows], None
+    low, high = (side if len(side) == 1 else take_rows(side, rows) for side in (low, high))
+    distance, solid_angle = distance[rows], None
     if not _is_sampled_by_area(light):
         solid_angle = rectangle_solid_angle(_relative(light, take_rows(origins, rows)), low, high)
     cosine = -dot(take_rows(directions, rows), axis)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, join_columns, make_zeros, take_rows
-from raytracer.arrays.types import Booleans, Colors, Floats, Indices, Numbers, Vectors
+from raytracer.arrays.rows import any_column, join_columns, make_zeros, put_rows, take_rows
+from raytracer.arrays.types import Colors, Floats, Indices, Numbers, Vectors
 from raytracer.arrays.vectors import normalize, to_world
 from raytracer.lecture import dot, intersect_sphere
 
@@ -64,18 +64,13 @@ class LightHits:
         return LightHits(self.distance[rows], take_rows(self.radiance, rows), self.density[rows])
 
 
-def miss_where(missed: Booleans, distance: Floats, radiance: Floats, density: Floats) -> LightHits:
-    return LightHits(
-        np.where(missed, np.inf, distance),
-        np.where(missed[:, np.newaxis], 0.0, radiance),
-        np.where(missed, 0.0, density),
-    )
-
-
-def place_hits(rows: Indices, count: int, distance: Floats, radiance: Floats, density: Floats) -> LightHits:
-    """Return what `count` rays see of a light that only `rows` of them meet."""
+def place_hits(
+    rows: Indices, count: int, distance: Floats | float, radiance: Floats, density: Floats | float
+) -> LightHits:
+    """Return what `count` rays see of a light that only `rows` of them meet; distance, density : (k,) or one for all."""
     hits = LightHits(np.full(count, np.inf), make_zeros(count), np.zeros(count))
-    hits.distance[rows], hits.radiance[rows], hits.density[rows] = distance, radiance, density
+    hits.distance[rows], hits.density[rows] = distance, density
+    put_rows(hits.radiance, rows, radiance)
     return hits
 
 

@@ -20,7 +20,7 @@ import dataclasses
 
 import numpy as np
 
-from raytracer.arrays.rows import join_columns
+from raytracer.arrays.rows import join_columns, take_rows
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize, to_world
 from raytracer.lecture import cross, dot, intersect_plane, length, point_on_line
@@ -31,7 +31,7 @@ from raytracer.lights.light_shapes import (
     cone_density,
     distance_to_sphere,
     divide_rows,
-    miss_where,
+    place_hits,
     sample_cone,
     sample_sphere_directions,
     sphere_density,
@@ -138,11 +138,10 @@ def _evaluate_facing_disk(light: PointLight, origins: Floats, directions: Floats
     towards = normalize(light.position - origins)
     distance = intersect_plane(origins, directions, towards, dot(towards, light.position))
     offset = length(point_on_line(origins, directions, distance) - light.position)
-    hit = (distance > 0) & (offset <= light.radius)
-    projected_area = np.pi * light.radius**2 * np.where(hit, dot(towards, directions), 1.0)
-    distance = np.where(hit, distance, np.inf)
-    density = np.where(hit, distance, 0.0) ** 2 / projected_area
-    return miss_where(~hit, distance, point_radiance(light, directions), density)
+    rows = np.flatnonzero((distance > 0) & (offset <= light.radius))
+    towards, directions, distance = take_rows(towards, rows), take_rows(directions, rows), distance[rows]
+    density = distance**2 / (np.pi * light.radius**2 * dot(towards, directions))
+    return place_hits(rows, len(origins), distance, point_radiance(light, directions), density)
 
 
 def _sample_ball(light: PointLight, positions: Floats, pair: Floats) -> LightSamples:
@@ -169,11 +168,12 @@ def _ball_radiance(light: PointLight, directions: Floats, outside: Booleans) -> 
 
 def _evaluate_ball(light: PointLight, origins: Floats, directions: Floats) -> LightHits:
     offset = light.position - origins
-    radii = np.full(len(origins), light.radius)
-    distance = distance_to_sphere(offset, radii, directions)
-    outside = length(offset) > light.radius
-    radiance = _ball_radiance(light, directions, outside)
-    return miss_where(np.isinf(distance), distance, radiance, sphere_density(offset, radii))
+    distance = distance_to_sphere(offset, np.full(len(origins), light.radius), directions)
+    rows = np.flatnonzero(np.isfinite(distance))
+    offset = take_rows(offset, rows)
+    radiance = _ball_radiance(light, take_rows(directions, rows), length(offset) > light.radius)
+    density = sphere_density(offset, np.full(len(rows), light.radius))
+    return place_hits(rows, len(origins), distance[rows], radiance, density)
 
 
 # Sun -----------------------------------------------------------------------------------------------------------------
@@ -198,7 +198,7 @@ def _sample_sun(light: SunLight, count: int, pair: Floats) -> LightSamples:
 def _evaluate_sun(light: SunLight, directions: Floats) -> LightHits:
     """1 - cos = |d - s|^2 / 2 is exact for small angles, where the cosine itself is rounded away."""
     versine = 2.0 * np.sin(light.angle / 4.0) ** 2
-    missed = dot(directions - light.direction, directions - light.direction) / 2.0 > versine
-    count = len(directions)
-    radiance = np.broadcast_to(_sun_radiance(light), (count, 3))
-    return miss_where(missed, np.full(count, np.inf), radiance, np.full(count, float(cone_density(versine))))
+    offset = directions - light.direction
+    rows = np.flatnonzero(dot(offset, offset) / 2.0 <= versine)
+    radiance = np.broadcast_to(_sun_radiance(light), (len(rows), 3))
+    return place_hits(rows, len(directions), np.inf, radiance, float(cone_density(versine)))

@@ -179,9 +179,7 @@ def sort_points(recipes: Recipes, material: Integers) -> Iterator[tuple[Recipe, 
             yield recipe, order[start:end]
 
 
-def make_site(
-    tables: SiteTables, surface: Surface, path: LightPath | None, points: NDArray[np.intp] | slice
-) -> Site:
+def make_site(tables: SiteTables, surface: Surface, path: LightPath | None, points: NDArray[np.intp] | slice) -> Site:
     """Return some of n points of a surface as programs see them."""
     chosen, surface = None if path is None else path.select(points), surface.select(points)
     return Site(surface, tables, chosen, measure_footprint(tables, surface, chosen))
