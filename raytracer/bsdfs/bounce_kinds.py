@@ -31,9 +31,10 @@ def _count_one(kind: int) -> list[bool]:
 ADDED_BY_KIND = lay_columns(np.array([_count_one(kind) for kind in range(17)], np.int32))
 
 
-def count_bounces(counts: Counts, kind: Kinds) -> Counts:
-    """Return the counts (n, 4) of paths after a bounce of each `kind` (n,); straight passages count nowhere."""
-    return counts + take_rows(ADDED_BY_KIND, kind)
+def count_bounces(counts: Counts, kind: Kinds | int) -> Counts:
+    """Return the counts (n, 4) of paths after a bounce of a `kind`, one for all or (n,); straight passages count
+    nowhere."""
+    return counts + (ADDED_BY_KIND[kind] if isinstance(kind, int) else take_rows(ADDED_BY_KIND, kind))
 
 
 def describe_kinds(kind: Kinds, counts: Counts) -> dict[str, Floats]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from raytracer.arrays.rows import any_column, sum_columns, take_rows
+from raytracer.arrays.rows import any_column, put_rows, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Counts, Floats, Numbers
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
@@ -135,8 +135,7 @@ def weigh_lobes(integrator: Integrator, wave: Wave, ended: Booleans) -> Floats:
         probabilities[ended, 1:] = 0.0
     if integrator.interreflects and integrator.emitters is None and not integrator.looks_around:
         first = 1 + len(shading.lobes)
-        kind = np.full(len(paths), DIFFUSE, dtype=np.uint8)
-        last = find_ended(count_bounces(paths.bounces, kind), integrator.settings)
+        last = find_ended(count_bounces(paths.bounces, DIFFUSE), integrator.settings)
         last &= ~probabilities[:, 1:first].any(axis=1)
         for part in shading.tilted:
             if part.transmits:
@@ -165,4 +164,4 @@ def play_roulette(integrator: Integrator, paths: Paths, sample: BsdfSample, samp
     probability = survival_probability(take_rows(paths.throughput, rows) * take_rows(sample.weight, rows))
     survives = sampler.select(rows).uniform(integrator.dimensions.roulette) < probability
     factor = np.divide(1.0, probability, out=np.zeros_like(probability), where=survives)
-    sample.weight[rows] = factor[:, np.newaxis] * take_rows(sample.weight, rows)
+    put_rows(sample.weight, rows, factor[:, np.newaxis] * take_rows(sample.weight, rows))
