@@ -227,7 +227,7 @@ class Caster(Questions):
         if rays.after is not None or rays.departure is not None:
             # What is drawn is settled without a look at what the rays have left behind.
             return None
-        if not isinstance(self.offer, MatrixForm | DenseOffer):
+        if not isinstance(self.offer, MatrixForm | DenseOffer) or self._has_many_spheres():
             return find_pencil(rays)
         if not any_hit:
             return find_pencil(rays, parallel=isinstance(self.offer, DenseOffer), arriving=False)
@@ -235,6 +235,13 @@ class Caster(Questions):
             return None
         least = max(ARRIVING_RAYS, int(ARRIVING_SHARE * len(self.primitives.corners)))
         return find_pencil(rays, parallel=False, arriving=len(rays) >= least)
+
+    def _has_many_spheres(self) -> bool:
+        """Whether projecting all pencils pays: spheres among as many triangles at most. Of 500 to 30,000 spheres alone
+        rays of the camera take .4 to .5 times as long as through the dense tree, those to a light .5 to .8, to a sun
+        .7 to .9; few spheres among triangles are as quick there, or up to 1.6 times."""
+        geometry = self.geometry
+        return isinstance(self.offer, DenseOffer) and len(geometry.radii) >= max(1, geometry.sphere_id)
 
     def _find_reach(self, pencil: Pencil) -> int:
         """How far the scene reaches from the pencil's center, as a power of two."""

@@ -2,7 +2,7 @@
 
 A few dozen triangles are all looked at (`matrix_form`). Rays of a pencil are drawn or projected (`pencil`) where there
 are enough of them and that is quicker: of rays that end at a point, if any hit will do. Other rays take the dense tree
-among triangles (`dense`), the tree of boxes where there are spheres or instances (`bvh`).
+(`dense`), the tree of boxes (`bvh`) in plain precisions, or where there are too many primitives.
 """
 
 from __future__ import annotations

@@ -51,12 +51,13 @@ class MatrixForm:
     @np.errstate(all="ignore")
     def __call__(self, query: Query) -> None:
         """Offer a query all primitives that its rays may hit."""
-        if self.edges.size:
-            self._offer_triangles(query)
+        # Spheres first: a triangle that is certainly hit may be settled if nothing else is left then.
         size = OFFER_PAIRS // max(1, len(self.sphere_ids))
         for start in range(0, len(query.rays) if len(self.sphere_ids) else 0, size):
             ray = np.arange(start, min(start + size, len(query.rays)))
             query.offer(np.repeat(ray, len(self.sphere_ids)), np.tile(self.sphere_ids, len(ray)))
+        if self.edges.size:
+            self._offer_triangles(query)
 
     def _offer_triangles(self, query: Query) -> None:
         """Have the pairs of rays and triangles that may be hits decided."""
@@ -68,7 +69,7 @@ class MatrixForm:
             triangle, lane, inside = self._find_pairs(rays.origin, rays.direction)
             decisions.set_rays(block, rays)
             decisions.take_in(lane + start, triangle, inside)
-        decisions.finish(settles=not len(self.sphere_ids))
+        decisions.finish()
 
     def _find_pairs(self, origin: Floats, direction: Floats) -> tuple[NDArray, NDArray, Booleans]:
         """Triangles and rays, by index, whose line may pass inside, and whether it certainly does."""

@@ -43,8 +43,8 @@ LARGEST_SIZE = 200
 MOST_MOVED = 2.0**-20
 # Pairs measured at a time: what they need fits the cache.
 PAIR_BLOCK = 2048
-# Candidates offered at a time.
-OFFER_PAIRS = 1 << 14
+# Candidates offered at a time: of triangles, and of others, which need more.
+OFFER_PAIRS, OFFER_BLOCK = 1 << 14, 1 << 13
 
 
 def make_planes(corners: Floats, exponent: int) -> Floats:
@@ -212,6 +212,7 @@ class PlaneDecisions:
 
     best, t_max : (n,) as `Query.best` and the rays' range, in the frame
     begun : (n,) `Query.surely_begun` in the frame; None where that is the range's begin
+    unit : (n,) see `FramedRays`; None where there are only triangles
     """
 
     def __init__(self, query: Query, planes: Floats) -> None:
@@ -220,6 +221,7 @@ class PlaneDecisions:
         self.lines = np.empty((count, LINE_COLUMNS))
         self.best, self.t_max = np.empty(count), np.empty(count)
         self.begun = None if query.passed is None else np.empty(count)
+        self.unit = np.empty(count) if len(query.primitives.geometry.radii) else None
         self.pool: list[Measured] = []
 
     def set_rays(self, rows: slice, rays: FramedRays) -> None:
@@ -233,6 +235,8 @@ class PlaneDecisions:
         length = largest_row(np.abs(query.rays.directions[rows].T))
         if len(length) and not (length.min() > 1 / LONGEST and length.max() < LONGEST):
             self.lines[rows, 6] += np.where((length > 1 / LONGEST) & (length < LONGEST), 0.0, np.inf)
+        if self.unit is not None:
+            self.unit[rows] = unit
         np.multiply(query.rays.t_max[rows], unit, out=self.t_max[rows])
         np.multiply(query.best[rows], unit, out=self.best[rows])
         if self.begun is not None:
@@ -251,6 +255,15 @@ class PlaneDecisions:
         """As `take_in`, of candidates in the frames of instances."""
         parts = _cut(len(lane))
         return self._take_in([self._measure_lanes(lanes, planes, lane[p], row[p], inside[p]) for p in parts])
+
+    def offer(self, ray: Indices, primitive_id: Ids) -> Indices:
+        """Offer the query candidates that are no triangles; return the rays whose `best` may have changed."""
+        assert self.unit is not None
+        changed = [self.query.offer(ray[part], primitive_id[part]) for part in _cut(len(ray), OFFER_BLOCK)]
+        rays = np.concatenate([ray[:0], *changed])
+        # What is NaN out of the range of float64 lowers nothing.
+        self.best[rays] = np.fmin(self.best.take(rays), self.query.best.take(rays) * self.unit.take(rays))
+        return rays
 
     def _name(self, row: Indices) -> Ids:
         return name_rows(self.query.primitives, row)
@@ -299,16 +312,18 @@ class PlaneDecisions:
         self.pool.append(measured)
         return changed
 
-    def finish(self, settles: bool = True) -> None:
-        """Settle certain candidates that are their rays' only ones, unless there are others that are not here
-        (`settles` False), and offer the rest."""
+    def finish(self) -> None:
+        """Settle certain candidates that are their rays' only ones, also among what was offered, and offer the rest."""
         if not self.pool:
             return
         left = Measured(*(np.concatenate(column) for column in zip(*self.pool, strict=True)))
         if self.query.narrows:
             left = left.select(np.flatnonzero(~(left.low > self.best.take(left.ray))))
-        if not self.query.any_hit and settles:
-            alone = np.bincount(left.ray, minlength=len(self.best)).take(left.ray) == 1
+        if not self.query.any_hit:
+            count = np.bincount(left.ray, minlength=len(self.best))
+            for offered in self.query.pool:
+                count[offered.ray] += 1
+            alone = count.take(left.ray) == 1
             clear = left.select(np.flatnonzero(left.certain & alone))
             self.query.settle(clear.ray, clear.primitive_id)
             left = left.select(np.flatnonzero(~(left.certain & alone)))
@@ -317,5 +332,5 @@ class PlaneDecisions:
             self.query.offer(left.ray[part], left.primitive_id[part])
 
 
-def _cut(count: int) -> list[slice]:
-    return [slice(start, start + PAIR_BLOCK) for start in range(0, count, PAIR_BLOCK)]
+def _cut(count: int, size: int = PAIR_BLOCK) -> list[slice]:
+    return [slice(start, start + size) for start in range(0, count, size)]

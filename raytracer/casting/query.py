@@ -145,6 +145,8 @@ class Query:
         if not len(self.primitives.geometry.radii):
             return self._offer_triangles(ray, primitive_id, axis)
         sphere = self.primitives.geometry.is_kind(primitive_id, Kind.SPHERE)
+        if sphere.all():
+            return self._offer_spheres(ray, primitive_id, axis)
         triangles = self._offer_triangles(ray[~sphere], primitive_id[~sphere], axis)
         return np.concatenate([triangles, self._offer_spheres(ray[sphere], primitive_id[sphere], axis)])
 

@@ -82,7 +82,7 @@ def build_hierarchy(primitives: Primitives, last: Hierarchy | None = None) -> Hi
     """
     geometry = primitives.geometry
     shared = np.flatnonzero(~primitives.flattened)
-    sphere_boxes = _sphere_boxes(geometry)
+    sphere_boxes = bound_spheres(geometry)
     frame = _world_frame(primitives, sphere_boxes, last)
     table = Table(last.trees if last else {})
     roots = []
@@ -111,14 +111,19 @@ def build_hierarchy(primitives: Primitives, last: Hierarchy | None = None) -> Hi
 
 def _world_frame(primitives: Primitives, sphere_boxes: Floats, last: Hierarchy | None) -> Frame:
     """The frame of all triangles, shared ones included, and spheres; the last one while it fits well enough."""
-    triangles = primitives.bounds if primitives.geometry.sphere_id else np.zeros((0, 3))
-    points = np.concatenate([triangles, sphere_boxes.reshape(-1, 3)])
-    low, high = extremes(points) if len(points) else np.zeros((2, 3))
+    low, high = bound_world(primitives, sphere_boxes)
     frame = make_frame(low, high)
     if last is None or abs(last.frame.exponent - frame.exponent) > 1:
         return frame
     fits = np.abs(last.frame.place(np.stack([low, high]))).max() <= 1
     return last.frame if fits else frame
+
+
+def bound_world(primitives: Primitives, sphere_boxes: Floats) -> Floats:
+    """(2, 3) a box around all triangles, and all spheres with given boxes."""
+    triangles = primitives.bounds if primitives.geometry.sphere_id else np.zeros((0, 3))
+    points = np.concatenate([triangles, sphere_boxes.reshape(-1, 3)])
+    return extremes(points) if len(points) else np.zeros((2, 3))
 
 
 def _build_flattened(table: Table, primitives: Primitives, frame: Frame, sphere_bounds: Bounds) -> int:
@@ -142,7 +147,7 @@ def _build_flattened(table: Table, primitives: Primitives, frame: Frame, sphere_
     return table.append_top(("parts", 0), frame, roots) if len(roots) > 1 else next(iter(roots.values()))
 
 
-def _sphere_boxes(geometry: Geometry) -> Floats:
+def bound_spheres(geometry: Geometry) -> Floats:
     """(s, 2, 3) boxes of spheres: one rounding each, made up for by one step outward."""
     radii = geometry.radii[:, None]
     low = np.nextafter(geometry.centres - radii, -np.inf)

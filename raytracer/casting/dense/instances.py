@@ -55,8 +55,8 @@ from raytracer.casting.dense.lines import BLOCK, MOVED, SMALLEST_MOVED_ROWS, Den
 from raytracer.casting.dense.split import split_evenly
 from raytracer.casting.dense.tree import (
     SMALLEST_SURFACE,
-    Blocks,
     DenseTree,
+    TriangleBlocks,
     choose_blocks,
     make_levels,
     pack_boxes,
@@ -104,7 +104,7 @@ class Instances:
     slots: Integers
     instance: Integers
     child: Integers
-    trees: list[Blocks]
+    trees: list[TriangleBlocks]
     tree: Integers
     root: Integers
     id_shift: Ids
@@ -177,7 +177,7 @@ def _build_mesh(corners: Floats) -> DenseTree:
     return pack_dense_tree(low_high, corners, *blocks, smallest_rows=SMALLEST_MOVED_ROWS)
 
 
-def _join(trees: list[DenseTree]) -> Blocks:
+def _join(trees: list[DenseTree]) -> TriangleBlocks:
     """Trees of equal levels as one of as many roots."""
     size = max(tree.items.shape[1] for tree in trees)
     first = np.cumsum([0] + [len(tree.planes) for tree in trees])
@@ -192,7 +192,7 @@ def _join(trees: list[DenseTree]) -> Blocks:
         edges.append(padded.reshape(len(tree.items), -1, 6))
     levels = [np.concatenate(tables) for tables in zip(*(tree.levels for tree in trees), strict=True)]
     planes = np.concatenate([tree.planes for tree in trees])
-    return Blocks(levels, np.concatenate(items).astype(np.int32), np.concatenate(edges), planes)
+    return TriangleBlocks(levels, np.concatenate(items).astype(np.int32), np.concatenate(edges), planes)
 
 
 def _build_levels(frame: Frame, boxes: Floats) -> tuple[list[NDArray[np.float32]], Integers]:

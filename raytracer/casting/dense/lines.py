@@ -34,6 +34,7 @@ those rows. PLACED_SHARE w is added to the tolerance.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,10 @@ SLAB_COLUMNS, EDGE_COLUMNS = 9, 8
 ENTERS_NOTHING, ENTERS_EVERYTHING = np.array([0, 0, -1] * 3, np.float32), np.zeros(SLAB_COLUMNS, np.float32)
 
 
+# Takes some of the rays, by place and as they are in the frame.
+Fill = Callable[[slice, FramedRays], None]
+
+
 class DenseRays(NamedTuple):
     """n rays, and a last one that meets nothing.
 
@@ -81,8 +86,8 @@ def empty_rays(count: int) -> DenseRays:
     return DenseRays(slabs, lines, np.zeros(count))
 
 
-def prepare_rays(frame: Frame, decisions: PlaneDecisions) -> DenseRays:
-    """Prepare the rays of a query, also for the decisions."""
+def prepare_rays(frame: Frame, decisions: PlaneDecisions, fill: Fill | None = None) -> DenseRays:
+    """Prepare the rays of a query, also for the decisions, and for what else `fill` makes of them."""
     rays = decisions.query.rays
     count = len(rays)
     prepared = empty_rays(count)
@@ -90,6 +95,8 @@ def prepare_rays(frame: Frame, decisions: PlaneDecisions) -> DenseRays:
         rows = slice(start, min(start + BLOCK, count))
         framed = frame_rays(frame, rays.origins[rows], rays.directions[rows])
         decisions.set_rays(rows, framed)
+        if fill is not None:
+            fill(rows, framed)
         fill_rows(DenseRays(prepared.slabs[rows], prepared.lines[rows], prepared.way[rows]), framed)
     return prepared
 

@@ -47,22 +47,30 @@ SMALLEST_ROWS = 2.0**-28
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """t triangles in b blocks of up to k, and the levels of boxes above them.
+    """Primitives in b blocks of up to k, and the levels of boxes above them.
 
     levels : tables (nodes, 3 axes, 2 F, 3) float32 of boxes, the root's first
-    items : (b, k) int32, triangles of each block; the last repeated where there are fewer
-    edges : (b, 3 k, 6) float32, rows of the edges opposite corners a, then b, then c; NaN where there are fewer
-    planes : (t, 8) float64, see `planes`
+    items : (b, k) int32, primitives of each block; the last repeated where there are fewer
     """
 
     levels: list[NDArray[np.float32]]
     items: Integers
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleBlocks(Blocks):
+    """t triangles in blocks.
+
+    edges : (b, 3 k, 6) float32, rows of the edges opposite corners a, then b, then c; NaN where there are fewer
+    planes : (t, 8) float64, see `planes`
+    """
+
     edges: NDArray[np.float32]
     planes: Floats
 
 
 @dataclass(frozen=True, eq=False)
-class DenseTree(Blocks):
+class DenseTree(TriangleBlocks):
     """Blocks in a frame, and what is in none.
 
     large, large_edges : (g,) int32 and (1, 3 g, 6), triangles that are in no block

@@ -7,6 +7,7 @@ and what is certain about them go to `planes`, which decides.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from raytracer.arrays.types import Booleans, Indices
 from raytracer.casting.bvh.stacks import Pairs
 from raytracer.casting.dense.lines import DenseRays, to_bounds
 from raytracer.casting.dense.packets import LANE_BLOCK, LANES, cross_triangles, enter_boxes, make_packets
-from raytracer.casting.dense.tree import Blocks, DenseTree
+from raytracer.casting.dense.tree import Blocks, DenseTree, TriangleBlocks
 from raytracer.casting.planes import PlaneDecisions
 
 # Large triangles tested before rays that they stop are left out.
@@ -23,7 +24,10 @@ LARGE_ROUND = 12
 # Rays that go everywhere at once.
 FEW_RAYS = 1024
 Levels = list[NDArray[np.float32]]
-# Has candidates decided: rays, rows of planes, whether certainly inside.
+# What rays meet in blocks, from the blocks (p,) and the rays (p, l) of packets: places in (p, k, l), and whether they
+# certainly do.
+Meet = Callable[[Indices, Indices], tuple[NDArray[np.intp], Booleans]]
+# Has candidates decided: rays, items of blocks, whether certainly met.
 Decide = Callable[[Indices, Indices, Booleans], None]
 
 
@@ -84,16 +88,18 @@ class Descent:
 
 
 class Walk(Descent):
-    """Rays on their way through a tree of triangles."""
+    """Rays on their way through a tree down to its blocks."""
 
-    def __init__(self, tree: Blocks, rays: DenseRays, best: NDArray[np.float32], any_hit: bool, decide: Decide) -> None:
+    def __init__(
+        self, tree: Blocks, rays: DenseRays, best: NDArray[np.float32], any_hit: bool, meet: Meet, decide: Decide
+    ) -> None:
         super().__init__(tree.levels, rays, best)
-        self.tree, self.any_hit, self.decide = tree, any_hit, decide
+        self.items, self.any_hit, self.meet, self.decide = tree.items, any_hit, meet, decide
         # What comes first saves less than what two walks cost.
         self.few = len(best) <= FEW_RAYS
 
     def run(self, children: Pairs) -> None:
-        """Have every triangle decided that rays may hit below children of the root that they enter."""
+        """Have everything decided that rays may hit below children of the root that they enter."""
         if self.few:
             self._descend(children)
             return
@@ -102,7 +108,7 @@ class Walk(Descent):
         self._descend(self.drop_passed(others))
 
     def _descend(self, pairs: Pairs) -> None:
-        """Go from the root's children to the triangles below."""
+        """Go from the root's children to what is in the blocks below."""
         later = []
         for depth in range(1, len(self.levels)):
             orders = self.any_hit and not self.few and depth == len(self.levels) - 1
@@ -113,24 +119,30 @@ class Walk(Descent):
             self._open_blocks(self.drop_passed(later[-1]))
 
     def _open_blocks(self, pairs: Pairs) -> None:
-        """Test the triangles of blocks with the rays that enter them."""
-        size = self.tree.items.shape[1]
-        packets = make_packets(pairs.row, pairs.target, len(self.tree.items), len(self.best))
+        """Test what is in blocks with the rays that enter them."""
+        size = self.items.shape[1]
+        packets = make_packets(pairs.row, pairs.target, len(self.items), len(self.best))
         lanes = packets.ray.shape[1]
         step = LANE_BLOCK // lanes
         found = [(np.zeros(0, np.intp), np.zeros(0, bool))]
         for start in range(0, len(packets.node), step):
             part = slice(start, start + step)
-            lines = self.rays.lines.take(packets.ray[part], axis=0)
-            index, inside = cross_triangles(self.tree.edges.take(packets.node[part], axis=0), lines)
+            index, inside = self.meet(packets.node[part], packets.ray[part])
             index += start * size * lanes
             found.append((index, inside))
         index, inside = (np.concatenate(column) for column in zip(*found, strict=True))
         row = index // lanes  # packet k + slot
         packet = row // size
         ray = packets.ray.ravel().take(index + (packet - row) * lanes)
-        triangle = self.tree.items.ravel().take(packets.node.take(packet) * size + (row - packet * size))
-        self.decide(ray, triangle, inside)
+        item = self.items.ravel().take(packets.node.take(packet) * size + (row - packet * size))
+        self.decide(ray, item, inside)
+
+
+def cross_blocks(
+    tree: TriangleBlocks, rays: DenseRays, node: Indices, ray: Indices
+) -> tuple[NDArray[np.intp], Booleans]:
+    """Which triangles of blocks lines may meet, see Meet."""
+    return cross_triangles(tree.edges.take(node, axis=0), rays.lines.take(ray, axis=0))
 
 
 def walk_world(tree: DenseTree, rays: DenseRays, best: NDArray[np.float32], decisions: PlaneDecisions) -> None:
@@ -140,7 +152,7 @@ def walk_world(tree: DenseTree, rays: DenseRays, best: NDArray[np.float32], deci
         changed = decisions.take_in(ray, triangle, inside)
         best[changed] = to_bounds(decisions.best.take(changed), rays.way.take(changed))
 
-    walk = Walk(tree, rays, best, decisions.query.any_hit, decide)
+    walk = Walk(tree, rays, best, decisions.query.any_hit, partial(cross_blocks, tree, rays), decide)
     walk.run(walk.enter_root(_test_large(tree, walk)))
 
 

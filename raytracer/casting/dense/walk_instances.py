@@ -7,6 +7,7 @@ instance goes first, and what is hit there culls the rest.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from raytracer.arrays.types import Booleans, Indices
 from raytracer.casting.bvh.stacks import Pairs
 from raytracer.casting.dense.instances import NO_ENTRY, WHOLE, Instances, place_rays
 from raytracer.casting.dense.lines import DenseRays, to_bounds
-from raytracer.casting.dense.walk import Descent, Walk, split_nearest
+from raytracer.casting.dense.walk import Descent, Walk, cross_blocks, split_nearest
 from raytracer.casting.planes import PlaneDecisions
 
 # Pairs of rays and instances that are looked for together, and lanes that walk together.
@@ -95,7 +96,8 @@ class InstanceWalk(Descent):
             self.best[changed] = to_bounds(decisions.best.take(changed), self.rays.way.take(changed))
             walk.best[:] = bound_lanes()
 
-        walk = Walk(tree, rows, bound_lanes(), decisions.query.any_hit, decide)
+        meet = partial(cross_blocks, tree, rows)
+        walk = Walk(tree, rows, bound_lanes(), decisions.query.any_hit, meet, decide)
         child = self.instances.child.take(pairs.target)
         lane = np.arange(len(ray), dtype=np.int32)
         begun = Pairs(lane, child.astype(np.uint16), np.full(len(ray), -np.inf, np.float32))

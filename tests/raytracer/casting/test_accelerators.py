@@ -8,6 +8,7 @@ import pytest
 
 import raytracer
 from raytracer.casting import caster as caster_module
+from raytracer.casting import choose
 from raytracer.casting.brute_force import offer_all
 from raytracer.casting.bvh import clustering, culling, hierarchy, traverse, tree_table
 from raytracer.casting.bvh.traverse import offer_traversed
@@ -335,6 +336,7 @@ def test_only_trees_of_what_moved_are_built_again(rng, monkeypatch, moved, turne
 @pytest.mark.parametrize("asked", [True, False])
 def test_caster_takes_trees_from_the_last_one(rng, monkeypatch, asked):
     """Also from the one before the last, where no ray asked for a tree in between."""
+    monkeypatch.setattr(choose, "suits_dense", lambda primitives: False)
     monkeypatch.setattr(hierarchy, "PART_TRIANGLES", 200)
     first = raytracer.build(scene_of_parts())
     rays = mixed_rays(rng, 300, np.concatenate([mesh.positions for mesh in first.scene.meshes]))

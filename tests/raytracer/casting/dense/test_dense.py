@@ -264,11 +264,9 @@ def test_rays_that_large_triangles_stop_go_no_further(rng, monkeypatch):
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_plain_precisions_and_spheres_have_no_dense_tree(precision):
+def test_plain_precisions_have_no_dense_tree(precision):
     mesh = raytracer.Mesh(*meshes.make_torus())
     assert not isinstance(raytracer.build(raytracer.Scene(meshes=[mesh]), precision).offer, DenseOffer)
-    spheres = raytracer.Spheres([(0, 0, 0)], [0.1])
-    assert not isinstance(raytracer.build(raytracer.Scene(meshes=[mesh], spheres=[spheres])).offer, DenseOffer)
 
 
 @pytest.mark.parametrize(("moved", "kept"), [(0.0, True), (1e-3, True), (3.0, False)])
