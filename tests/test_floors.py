@@ -20,6 +20,7 @@ FLOORS = {
     "raytracer": (
         *("lecture", "files", "arrays", "predicates", "sampling", "scene", "textures", "processes", "casting", "film"),
         *(
+            "subdivision",
             "surfaces",
             "bsdfs",
             "media",
