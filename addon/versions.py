@@ -264,14 +264,20 @@ def relative_path_options(version: tuple[int, ...] = VERSION) -> set[str]:
     return {"PATH_SUPPORTS_BLEND_RELATIVE"} if version >= (4, 5) else set()
 
 
-def subdivides_adaptively(source: Any) -> bool:
-    """Return True where Cycles would subdivide an object as its place in the picture asks: a switch of the modifier
-    since Blender 5.0, before that one of the object."""
+def find_adaptive(source: Any, is_render: bool) -> Any:
+    """Return the modifier by which Cycles would subdivide an object as its place in the picture asks, or None: a switch
+    of the modifier since Blender 5.0, before that one of the object."""
     last = source.modifiers[-1] if len(source.modifiers) else None
-    if last is None or last.type != "SUBSURF":
-        return False
+    if last is None or last.type != "SUBSURF" or not (last.show_render if is_render else last.show_viewport):
+        return None
     of_object = getattr(getattr(source, "cycles", None), "use_adaptive_subdivision", False)
-    return bool(getattr(last, "use_adaptive_subdivision", of_object))
+    return last if getattr(last, "use_adaptive_subdivision", of_object) else None
+
+
+def open_base(source: Any) -> Any:
+    """Return what an evaluated object's mesh is before its last subdivision, as an owner of `mesh_base` that has to
+    outlive it; None before Blender 5.0, which hands out none."""
+    return source.evaluated_geometry() if VERSION >= (5, 0) else None
 
 
 def has_denoiser() -> bool:

@@ -14,9 +14,9 @@ import numpy as np
 
 from raytracer.scene.fields import SEEN_BY
 
+from .adaptive import read_adaptive
 from .attributes import read_point_attributes
 from .instance_properties import InstanceReader
-from .left_out import warn_left_out
 from .light_nodes import read_light_nodes
 from .linking import read_linking
 from .meshes import extract_points, open_mesh
@@ -72,8 +72,11 @@ def walk_instances(depsgraph: Any, context: Context) -> Placements:
             placements.random.append(read_random(instance.random_id) if is_instance else math.nan)
             placements.properties.append(reader.read(instance, part.properties) if part.properties else {})
             if context.tracks is not None:
-                note = context.tracks.note if part.strands is None else context.tracks.note_strands
-                note(instance, source, instancer, part.mesh)
+                if part.strands is None:
+                    is_diced = context.meshes.is_diced(part.mesh)
+                    context.tracks.note(instance, source, instancer, part.mesh, is_diced)
+                else:
+                    context.tracks.note_strands(instance, source, instancer, part.mesh)
     fill_random(placements.random, [placements.parts[index].name_word for index in placements.part])
     return placements
 
@@ -95,7 +98,6 @@ def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> Obje
     if not of_voxels and shown.type not in ("MESH", "POINTCLOUD", "CURVES"):
         return make_light_part(shown, source, context) if shown.type == "LIGHT" else None
     if shown.type == "MESH" and not of_voxels and not context.shows_surfaces:
-        warn_left_out(source, context.warnings)
         return None
     key = source.original.session_uid, instancer.original.session_uid, shown.data.as_pointer()
     entry = context.kept.parts.get(key)
@@ -113,8 +115,6 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context, of_voxe
     all rays."""
     own = WarningList()
     seen_by = find_visibility(shown, instancer, context.view_layer)
-    if seen_by:
-        warn_left_out(source, own)
     if shown.type == "CURVES":
         return make_curves_part(shown, source, instancer, context) if seen_by else None
     points = extract_points(shown.data, source.name, own) if seen_by and shown.type == "POINTCLOUD" else None
@@ -137,8 +137,10 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context, of_voxe
             sources,
             own.records,
         )
-    with open_mesh(source, shown.data) as mesh:
-        entry = context.meshes.find_entry(source, shown.data.as_pointer(), mesh)
+    adaptive = read_adaptive(source, shown, context.dicing, own)
+    context.warnings.include(own.records)
+    with open_mesh(source, shown.data, adaptive is not None) as mesh:
+        entry = context.meshes.find_entry(source, shown.data.as_pointer(), mesh, adaptive)
         if entry.geometry is None:
             return None
         materials = find_materials(shown, source, entry.geometry.used_slots, context)

@@ -50,7 +50,8 @@ def read_changes(depsgraph: Any) -> Changes:
 
 @dataclass
 class Kept:
-    """The last extraction's parts, meshes, materials and images by key, and displaced meshes; replaced by the next.
+    """The last extraction's parts, meshes, materials and images by key, and diced and displaced meshes; replaced by the
+    next.
 
     changes : what happened since, or None where anything may have
     trusts_files : True where files stay as they are, so that images need not be read again to see whether they changed
@@ -61,6 +62,7 @@ class Kept:
     materials: dict[Any, Any] = field(default_factory=dict)
     images: dict[Any, Any] = field(default_factory=dict)
     displaced: list[Any] = field(default_factory=list)
+    diced: list[Any] = field(default_factory=list)
     changes: Changes | None = None
     trusts_files: bool = False
 

@@ -1,17 +1,10 @@
-"""What of objects is left out, or missing, named in warnings."""
+"""What is missing, named in warnings."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from .. import versions
 from .warnings import WarningList
-
-
-def warn_left_out(source: Any, warnings: WarningList) -> None:
-    """Name what an object has and rendering leaves out: adaptive subdivision."""
-    if versions.subdivides_adaptively(source):
-        warnings.add("adaptive subdivision is not supported, the modifier's own levels are used", source.name)
 
 
 def warn_missing(depsgraph: Any, warnings: WarningList) -> None:

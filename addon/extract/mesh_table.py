@@ -14,6 +14,7 @@ import numpy as np
 
 import raytracer
 
+from .adaptive import Adaptive, attach_base
 from .attributes import Values, read_mesh_attribute
 from .kept import Kept
 from .meshes import Geometry, assign_materials, extract_geometry
@@ -56,11 +57,12 @@ class MeshTable:
         self._count: Counter[int] = Counter()
         self._with_uvs, self._warnings, self._kept = with_uvs, warnings, kept or Kept()
 
-    def find_entry(self, source: Any, pointer: int, mesh: Any) -> MeshEntry:
+    def find_entry(self, source: Any, pointer: int, mesh: Any, adaptive: Adaptive | None = None) -> MeshEntry:
         """Return the entry of an evaluated mesh.
 
         source : the object that has it
         pointer : the mesh's address; `mesh` may be a copy of it for reading
+        adaptive : how `mesh`, which is what it was before its subdivision, is to be diced; None where it is not
         """
         if pointer not in self._by_pointer:
             key = self._make_key(source)
@@ -68,7 +70,7 @@ class MeshTable:
             if last is not None and last.pointer == pointer and self._is_trusted(source, mesh):
                 entry = last
             else:
-                entry = self._read(source, pointer, mesh, last)
+                entry = self._read(source, pointer, mesh, last, adaptive)
             self._add(key, entry)
         return self._by_pointer[pointer]
 
@@ -88,6 +90,10 @@ class MeshTable:
             is_same = geometry is not None and geometry is before
             self._add(key, MeshEntry(pointer, geometry, own.records, last=last if is_same else None))
         return self._by_pointer[pointer]
+
+    def is_diced(self, index: int | None) -> bool:
+        """Return whether one of the scene's meshes is to be diced."""
+        return index is not None and self.geometries[index].base is not None
 
     def reuse(self, source: Any, last: MeshEntry) -> MeshEntry:
         """Return the entry of a mesh that is as it was in the last extraction."""
@@ -122,9 +128,13 @@ class MeshTable:
         original = source.original  # an evaluated mesh does not know its own
         return not mesh.is_editmode and self._kept.trusts_shapes(original.session_uid, original.data.session_uid)
 
-    def _read(self, source: Any, pointer: int, mesh: Any, last: MeshEntry | None) -> MeshEntry:
+    def _read(
+        self, source: Any, pointer: int, mesh: Any, last: MeshEntry | None, adaptive: Adaptive | None
+    ) -> MeshEntry:
         own = WarningList()
         geometry = extract_geometry(mesh, source.name, self._with_uvs, own, last.geometry if last else None)
+        if geometry is not None:
+            geometry = attach_base(geometry, mesh, adaptive)
         is_same = last is not None and geometry is last.geometry
         return MeshEntry(pointer, geometry, own.records, last=last if is_same else None)
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import raytracer
 
+from .. import versions
 from .warnings import WarningList
 
 DEFAULT_POINT_RADIUS = 0.01  # Blender's radius of points that have no radius attribute
@@ -50,6 +51,7 @@ class Geometry:
     slots : (t,) int32, material slot of each triangle; None = slot 0 for all
     used_slots : the slot numbers that triangles have
     kept : (all triangles of the Blender mesh,) bool, False for those left out; None = all are kept
+    base : what it is to be diced from, an AdaptiveBase, or None
     """
 
     mesh: raytracer.Mesh
@@ -57,6 +59,7 @@ class Geometry:
     slots: NDArray[np.int32] | None
     used_slots: tuple[int, ...]
     kept: NDArray[np.bool_] | None = None
+    base: Any = None
 
     @cached_property
     def extent(self) -> NDArray[np.float64]:
@@ -66,11 +69,16 @@ class Geometry:
 
 
 @contextmanager
-def open_mesh(source: Any, mesh: Any) -> Iterator[Any]:
-    """Give the mesh of an evaluated object for reading.
+def open_mesh(source: Any, mesh: Any, before_subdivision: bool = False) -> Iterator[Any]:
+    """Give the mesh of an evaluated object for reading, or what it was before its last modifier subdivided it.
 
     One that is being edited and has no modifiers lies in Blender's edit structures: it is converted.
     """
+    if before_subdivision:
+        owner = versions.open_base(source)
+        yield owner.mesh_base
+        del owner  # it holds the mesh until now
+        return
     if not mesh.is_editmode:
         yield mesh
         return
@@ -174,6 +182,11 @@ def replace_broken_normals(
     flat[lengths[:, 0] == 0] = (0.0, 0.0, 1.0)  # Blender's normal of a face without area
     broken = ~np.isfinite(corners).all(axis=2, keepdims=True)
     return np.where(broken, flat[:, None, :], corners)
+
+
+def has_shape(shape: tuple[Any, Any], middle: tuple[Any, Any]) -> bool:
+    """Return whether positions and normals at a step are as many as in the middle."""
+    return all(np.shape(one) == np.shape(other) for one, other in zip(shape, middle, strict=True) if other is not None)
 
 
 def assign_materials(

@@ -14,7 +14,7 @@ scene/object.cpp (motion_time).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,7 +26,8 @@ from raytracer.film.camera import measure_film_extent
 
 from .. import versions
 from .camera import read_camera
-from .meshes import Points, extract_points, read_corners, read_shape
+from .dicing import Diced, carry_shape
+from .meshes import Points, extract_points, has_shape, open_mesh, read_corners, read_shape
 from .shutter import SetFrame, Shutter, read_curve
 from .strand_motion import FollowedStrands, PlacedStrands, StrandTrack, make_curves_motion, read_shapes, start_track
 from .strands import Strands
@@ -49,6 +50,7 @@ class Track:
 
     steps : of its motion; matrices : (4, 4) by time
     deforms : True where its mesh, or its points, may change their shape
+    is_diced : True where its mesh is what it was before its subdivision
     clouds : its points by time, where they may
     corners : (triangles, 3) corners of faces, where the mesh has normals of its own there
     strands : of hair that may change its shape, or None
@@ -58,6 +60,7 @@ class Track:
     deforms: bool
     name: str
     is_mesh: bool
+    is_diced: bool = False
     corners: NDArray[np.int32] | None = None
     matrices: dict[float, NDArray[np.float64]] = field(default_factory=dict)
     shapes: dict[float, tuple[NDArray[Any], NDArray[Any] | None]] = field(default_factory=dict)
@@ -81,6 +84,7 @@ class Tracks:
     steps : of all; None takes those of each object, and leaves out those that shall not be blurred
     keys : of each placement, or None; rows : the placement that each of the scene's instances is
     groups, hair : what the scene's groups of spheres and of curves are
+    base, undisplaced : the scene's meshes before they are diced, and before they are displaced; diced : by number
     """
 
     scene: Any
@@ -91,11 +95,13 @@ class Tracks:
     rows: tuple[int, ...] = ()
     groups: tuple[PlacedPoints, ...] = ()
     hair: tuple[PlacedStrands, ...] = ()
+    base: tuple[raytracer.Mesh, ...] = ()
     undisplaced: tuple[raytracer.Mesh, ...] = ()
+    diced: Mapping[int, Diced] = field(default_factory=dict)
     deforming: set[int] = field(default_factory=set)
 
-    def note(self, instance: Any, source: Any, instancer: Any, mesh: int | None) -> None:
-        """Note an instance that is placed; mesh : the number of its mesh among the scene's, None for what has none."""
+    def note(self, instance: Any, source: Any, instancer: Any, mesh: int | None, is_diced: bool = False) -> None:
+        """Note an instance; mesh : the number of its mesh among the scene's, or None; is_diced : as in Track."""
         shown = instance.object
         steps = self.steps or count_steps(shown, instancer)
         if not steps or shown.type not in MOVING_TYPES:
@@ -104,11 +110,12 @@ class Tracks:
         key = find_key(instance, source, instancer)
         deforms = mesh not in self.deforming and (self.steps is not None or use_deformation(shown, instancer))
         deforms = deforms and shown.type != "VOLUME" and source.is_deform_modified(self.scene, "RENDER")
-        track = Track(steps, deforms, source.name, mesh is not None)
+        track = Track(steps, deforms, source.name, mesh is not None, is_diced)
         if deforms and mesh is not None:
             self.deforming.add(mesh)
-            if shown.data.normals_domain == "CORNER":
-                track.corners = read_corners(shown.data)
+            with open_mesh(source, shown.data, is_diced) as data:
+                if data.normals_domain == "CORNER":
+                    track.corners = read_corners(data)
         self.tracks[key] = track
         self.keys.append(key)
 
@@ -173,7 +180,8 @@ class Tracks:
                     strands[of] = read_shapes(shown, source, depsgraph.mode == "RENDER")
                 track.strands.shapes[time] = strands[of]
             if track.deforms and track.is_mesh:
-                shape = read_shape(shown.data, track.corners)
+                with open_mesh(source, shown.data, track.is_diced) as mesh:
+                    shape = read_shape(mesh, track.corners)
                 if shape is not None:
                     track.shapes[time] = shape
             elif track.deforms and shown.type == "POINTCLOUD":
@@ -290,10 +298,13 @@ def make_mesh_motion(tracks: Tracks, scene: raytracer.Scene) -> list[raytracer.M
         if track is None or not track.shapes or index in motion:
             continue
         mesh, plain = scene.meshes[index], tracks.undisplaced[index]
-        middle = plain.positions, plain.normals
+        base = tracks.base[index]
+        middle = base.positions, base.normals
         shapes = [track.shapes.get(time, middle) for time in list_times(track.steps)]
         shapes = [shape if has_shape(shape, middle) else middle for shape in shapes]
-        if any((shape[0] != plain.positions).any() for shape in shapes):
+        if any((shape[0] != base.positions).any() for shape in shapes):
+            if index in tracks.diced:
+                shapes = [carry_shape(tracks.diced[index], shape) for shape in shapes]
             motion[index] = displace_steps(index, mesh, plain, shapes)
     return list(motion.values())
 
@@ -311,11 +322,6 @@ def displace_steps(
         return raytracer.MeshMotion(index, positions, normals)
     normals = None if mesh.normals is None else np.array([mesh.normals] * len(shapes))
     return raytracer.MeshMotion(index, positions + (mesh.positions - plain.positions), normals)
-
-
-def has_shape(shape: tuple[Any, Any], middle: tuple[Any, Any]) -> bool:
-    """Return whether positions and normals at a step are as many as in the middle."""
-    return all(np.shape(one) == np.shape(other) for one, other in zip(shape, middle, strict=True) if other is not None)
 
 
 def warn_points(tracks: Tracks, warnings: WarningList) -> None:

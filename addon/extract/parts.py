@@ -12,6 +12,7 @@ from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 
 from .. import versions
 from ..voxels.process import VoxelReader
+from .adaptive import Dicing
 from .custom_properties import Color
 from .kept import Kept
 from .light_nodes import NO_NODES, LightFactor
@@ -124,6 +125,7 @@ class Context:
     tracks : notes what may move; None where nothing shall
     is_render, thick_strands : the depsgraph's mode; True for strands that are round
     voxels : reads those of volumes
+    dicing : what the scene says of adaptive subdivision; None where meshes are shown as Blender has them
     """
 
     view_layer: Any
@@ -137,6 +139,7 @@ class Context:
     is_render: bool = True
     thick_strands: bool = False
     voxels: VoxelReader = field(default_factory=VoxelReader)
+    dicing: Dicing | None = None
 
     @property
     def shows_strands(self) -> bool:

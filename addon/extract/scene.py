@@ -15,9 +15,11 @@ from raytracer.film.passes import list_aovs
 
 from .. import versions
 from ..voxels.process import VoxelReader
+from .adaptive import read_dicing
 from .camera import extract_camera
 from .caustics import warn_caustics
 from .custom_properties import read_layer_of
+from .dicing import dice_meshes
 from .displacing import displace_meshes
 from .instance_order import Shapes
 from .instances import walk_instances
@@ -131,6 +133,7 @@ def _extract_scene(
     materials = None if geometry_only else MaterialTable(warnings, last, frame, list_aovs(passes))
     meshes = MeshTable("UV" in passes, warnings, last)
     warn_missing(depsgraph, warnings)
+    dicing = read_dicing(depsgraph) if needs_camera and not geometry_only else None
     with closing(VoxelReader()) as voxels:
         context = Context(
             *(view_layer, meshes, materials, warnings, space, last),
@@ -138,6 +141,7 @@ def _extract_scene(
             is_render=depsgraph.mode == "RENDER",
             thick_strands=shows_thick(scene),
             voxels=voxels,
+            dicing=dicing,
         )
         placements = walk_instances(depsgraph, context)
     images = materials.images if materials else None
@@ -148,8 +152,15 @@ def _extract_scene(
     placed = place_parts(placements, warnings, with_info, shapes)
     if tracks is not None:
         tracks.rows, tracks.groups, tracks.hair = placed.rows, placed.groups, placed.hair
-        tracks.undisplaced = tuple(meshes.records)
-    records = meshes.records
+        tracks.base = tuple(meshes.records)
+    records, diced = meshes.records, {}
+    bases = [geometry.base for geometry in meshes.geometries]
+    if dicing is not None and any(bases):
+        diced = dice_meshes(records, bases, placed.instances, dicing, last.diced, warnings)
+        records = [diced[number].found.mesh if number in diced else mesh for number, mesh in enumerate(records)]
+    last.diced = list(diced.values())
+    if tracks is not None:
+        tracks.undisplaced, tracks.diced = tuple(records), diced
     if materials is not None and materials.displacements:
         records, displaced = displace_meshes(records, placed.instances, materials.displacements, last.displaced)
         last.displaced = displaced
@@ -172,5 +183,8 @@ def _extract_scene(
     if not geometry_only:
         warned = versions.find_world(scene, view_layer)
         warn_caustics(record, placed.objects, placed.light_objects, placements.parts, warned, warnings)
-    polygons = tuple(geometry.polygons for geometry in meshes.geometries)
+    polygons = tuple(
+        diced[number].found.polygons.astype(np.int32) if number in diced else geometry.polygons
+        for number, geometry in enumerate(meshes.geometries)
+    )
     return Extraction(record, placed.objects, placed.light_objects, polygons, warnings.records)

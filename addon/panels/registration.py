@@ -5,12 +5,24 @@ from __future__ import annotations
 import bpy
 
 from .. import versions
-from . import bake, built_in, curves, last_render, motion_blur, presets, render, resume, scene_data, view_layer
+from . import (
+    bake,
+    built_in,
+    curves,
+    last_render,
+    motion_blur,
+    presets,
+    render,
+    resume,
+    scene_data,
+    subdivision,
+    view_layer,
+)
 
 # In the order of each tab.
 CLASSES = (
     *(*presets.CLASSES, *render.CLASSES, *bake.CLASSES, *last_render.CLASSES, *view_layer.CLASSES, *scene_data.CLASSES),
-    *(*motion_blur.CLASSES, *curves.CLASSES, *resume.CLASSES),
+    *(*motion_blur.CLASSES, *curves.CLASSES, *subdivision.CLASSES, *resume.CLASSES),
 )
 
 register_classes, unregister_classes = bpy.utils.register_classes_factory(CLASSES)

@@ -187,15 +187,3 @@ def test_a_displacement_that_nothing_computes_bends_nothing() -> None:
     assert found.normal is None
     assert found.program is None
     assert not extraction.warnings
-
-
-def test_adaptive_subdivision_is_named() -> None:
-    """Blender 5.0 has it on modifiers; before, it is on objects and needs Cycles' experimental features."""
-    place_ball(SURFACES["diffuse"], displacement, "DISPLACEMENT")
-    ball = bpy.data.objects["Ball"]
-    modifier = ball.modifiers.new("Subdivision", "SUBSURF")
-    assert not extract_scene(bpy.context.evaluated_depsgraph_get()).warnings
-    owner = modifier if hasattr(modifier, "use_adaptive_subdivision") else ball.cycles
-    owner.use_adaptive_subdivision = True
-    (warning,) = extract_scene(bpy.context.evaluated_depsgraph_get()).warnings
-    assert str(warning).startswith("object 'Ball': adaptive subdivision is not supported")
