@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays.types import Booleans
 from raytracer.film.passes import PASSES
 
 from ...properties import BOUNCE_LIMITS
 from ..picture import save_png, show_heat, show_linear
 from ..verdicts import UNDECIDED
 from . import metrics, verdict
+from .chance import BACKGROUND_DEPTH, Answer, ask_again, find_doubtful, find_seen, take_first
 from .flip import flip, mean_flip
 from .rendering import Rendering, Request, render_both
 from .sequential import LOOK_SIGNIFICANCE, LOOKS, Plan, join_renderings, plan_batches
@@ -29,6 +31,8 @@ from .sequential import LOOK_SIGNIFICANCE, LOOKS, Plan, join_renderings, plan_ba
 # Passes that hold one value per surface point, and those that hold one whole number.
 POINT_PASSES = ("Depth", "Position", "Normal", "UV", "Diffuse Color", "Emission")
 INDEX_PASSES = tuple(name for name, kind in PASSES.items() if kind.is_index)
+# Those that Cycles takes from one path of a pixel.
+PATH_PASSES = ("Depth", "Position", *INDEX_PASSES)
 # The narrowest filter that both engines know, pixels.
 CENTRE_WIDTH = 0.01
 CENTRE_BATCHES = 8
@@ -221,23 +225,62 @@ def compare_passes(scene: Any, view_layer: Any, width: int, height: int) -> dict
     ours, cycles = render_both(scene, view_layer, centres)
     pairs = {name: (ours.passes[name], cycles.passes[name]) for name in names[1:]}
     pairs["Alpha"] = ours.passes["Combined"][..., 3:], cycles.passes["Combined"][..., 3:]
-    return {name: compare_pass(name, *pair) for name, pair in pairs.items()}
+    seen = find_seen(ours.passes["Depth"]), find_seen(cycles.passes["Depth"])
+    found = {name: compare_pass(name, *pair, seen if name in PATH_PASSES else None) for name, pair in pairs.items()}
+    doubtful = find_doubtful(*seen)
+    if doubtful.any() and max(found[name].share for name in PATH_PASSES) > verdict.PASSES_BAR:
+        asked = replace(centres, seed=CENTRE_BATCHES, passes=PATH_PASSES)
+        answer = ask_again(scene, view_layer, asked, doubtful, verdict.PASSES_BAR)
+        found |= {name: join_answer(name, *pairs[name], *seen, answer) for name in PATH_PASSES}
+    return found
 
 
-def compare_pass(name: str, ours: NDArray[np.floating], cycles: NDArray[np.floating]) -> PassDifference:
+def join_answer(
+    name: str,
+    ours: NDArray[np.floating],
+    cycles: NDArray[np.floating],
+    seen_ours: Booleans,
+    seen_cycles: Booleans,
+    answer: Answer,
+) -> PassDifference:
+    """Return how a pass differs with what Cycles answered: no chance excuses a surface that it has not shown now."""
+    seen = np.concatenate([seen_cycles, answer.seen])
+    difference = compare_pass(name, ours, np.concatenate([cycles, answer.passes[name]]), (seen_ours, seen))
+    if name in INDEX_PASSES:  # the background's is that of most objects
+        return difference
+    return replace(difference, differing=difference.differing | (seen_ours.all(axis=0) & ~seen.any(axis=0)))
+
+
+def compare_pass(
+    name: str, ours: NDArray[np.floating], cycles: NDArray[np.floating], seen: tuple[Booleans, Booleans] | None = None
+) -> PassDifference:
     """Return where and by how much a pass of both engines, (k, h, w, c) each, differs: the gap between their ranges.
 
     Cycles' values have a range where chance decides, on what a transparent surface lets through; ours also where they
     are seen beside the pixel's centre. Ranges of indices have to overlap. Where chance decides nearly always alike, it
     is the neighbours that show it: such a pixel has to fail the test of means as well.
+
+    seen : (k, h, w) of both, where a surface is seen: only that is compared, where both engines show one at all
     """
     ours, cycles = ours.astype(np.float64), cycles.astype(np.float64)
-    lowest, highest = ours.min(axis=0), ours.max(axis=0)
-    gap = np.maximum(np.maximum(lowest - cycles.max(axis=0), cycles.min(axis=0) - highest), 0).max(axis=-1)
+    filled, shown = (ours, cycles), np.ones(ours.shape[1:3], np.bool_)
+    if seen is not None:
+        shown = seen[0].any(axis=0) & seen[1].any(axis=0)
+        filled = fill_missed(ours, seen[0] | ~shown), fill_missed(cycles, seen[1] | ~shown)
+    (lowest, highest), (lowest_cycles, highest_cycles) = ((side.min(axis=0), side.max(axis=0)) for side in filled)
+    gap = np.maximum(np.maximum(lowest - highest_cycles, lowest_cycles - highest), 0).max(axis=-1)
     width = (highest - lowest).max(axis=-1)
-    allowed = np.zeros_like(gap) if name in INDEX_PASSES else allow_difference(name, cycles[0], width)
-    differing = ~(gap <= allowed) & metrics.find_failing(ours, cycles, pool=metrics.POOL)
+    allowed = np.zeros_like(gap) if name in INDEX_PASSES else allow_difference(name, filled[1][0], width)
+    failing = metrics.find_failing(*filled, pool=metrics.POOL)
+    if not shown.all():  # it is the background that is seen elsewhere which tells of chance
+        failing = np.where(shown, failing, metrics.find_failing(ours, cycles, pool=metrics.POOL))
+    differing = ~(gap <= allowed) & failing
     return PassDifference(differing, float(gap[~differing].max(initial=0.0)), ours[0], cycles[0])
+
+
+def fill_missed(values: NDArray[np.floating], seen: Booleans) -> NDArray[np.floating]:
+    """Return batches (k, h, w, c) with the first values of a surface where none is seen (k, h, w)."""
+    return np.where(seen[..., np.newaxis], values, take_first(values, seen))
 
 
 def allow_difference(name: str, cycles: NDArray[np.floating], width: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -264,8 +307,6 @@ NORMAL_STORAGE = 2 * 3**0.5 / 65535
 # What a glossy layer leaves to the diffuse one under it is read from tables; ours are right to this share
 # (`raytracer.bsdfs.microfacet_albedo`), Cycles' are means of random samples, printed with six decimals.
 ALBEDO_TABLES = 1e-3
-# Cycles' depth where a ray hits nothing.
-BACKGROUND_DEPTH = 1e10
 
 
 def measure_largest_step(values: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -6,14 +6,19 @@ Cycles up to 4.5 marches through volumes that vary, in steps; `addon.compare` ma
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
 
-from addon.compare.cycles import metrics
-from addon.compare.cycles.rendering import Request, render_both
+from addon.compare.cycles import comparison, metrics
+from addon.compare.cycles.chance import BACKGROUND_DEPTH, find_seen
+from addon.compare.cycles.comparison import CENTRE_WIDTH
+from addon.compare.cycles.rendering import CYCLES, Request, matched_settings, render_batches, render_both
+from addon.compare.cycles.verdict import PASSES_BAR
 from addon.versions import VERSION, find_node_tree
 from blend_scenes import building
 from tests.addon.against_cycles.node_fixtures import add_node
@@ -282,3 +287,57 @@ def test_the_means_of_passes_agree(name: str) -> None:
         difference = means[0].mean(axis=0) - means[1].mean(axis=0)
         assert (np.abs(difference) <= MOST_ERRORS * error).all(), found
     assert ours["Volume Direct"].max() > 0 or name == "absorbing glass"
+
+
+def make_slab(depth: float) -> Any:
+    """Return a scene of a wall behind a metre of fog of an optical depth."""
+    scene = building.start_scene(*SMALL_SIZE)
+    grey = building.make_shader("Wall", "Diffuse", (0.8, 0.8, 0.8))
+    building.link_object("Wall", building.make_plane("Wall", 40, 40), (0, 5, 0), rotation=(80, 0, 0), materials=[grey])
+    fog = make_volume(node("VolumeScatter", {"Color": (1.0, 1.0, 1.0, 1.0), "Density": depth}))
+    cube = building.make_mesh("Fog", bmesh.ops.create_cube, size=1.0)
+    building.link_object("Fog", cube, materials=[fog]).scale = (40, 1, 40)
+    building.add_camera((0, -6, 0), (0, 0, 0), 300)
+    return scene
+
+
+# Standard errors of a share of pixels, if those were independent: batches of Cycles are more even than that.
+MOST_SHARE_ERRORS = 5.0
+
+
+@pytest.mark.parametrize("marches", [True, False])
+def test_cycles_depth_behind_fog_is_that_of_a_path_that_was_not_scattered(marches: bool) -> None:
+    """Of the probability T = exp(-depth) where Cycles marches; from 5.0 on else of 1/4 T + 3/4 1/2: a path's chance to
+    be scattered is led, by three quarters, to what paths before it found, and to one half as none was before."""
+    depth, batches = 1.2, 8
+    scene = make_slab(depth)
+    request = Request(
+        *(*SMALL_SIZE, 1, 0, batches),
+        pixel_filter="BLACKMAN_HARRIS",
+        filter_width=CENTRE_WIDTH,
+        through_centre=True,
+        passes=("Combined", "Depth"),
+        marches=marches,
+    )
+    with matched_settings(scene, bpy.context.view_layer, request):
+        seen = find_seen(render_batches(scene, bpy.context.view_layer, CYCLES, request).passes["Depth"])
+    led = not marches and VERSION >= (5, 0)
+    expected = np.exp(-depth) / 4 + 3 / 8 if led else np.exp(-depth)
+    error = np.sqrt(expected * (1 - expected) / seen.size)
+    assert abs(seen.mean() - expected) < MOST_SHARE_ERRORS * error
+
+
+def test_what_lies_behind_fog_agrees_however_seldom_cycles_shows_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And a depth that is wrong by 1% differs."""
+    scene = make_slab(4.0)
+    passes = comparison.compare_passes(scene, bpy.context.view_layer, *SMALL_SIZE)
+    for name in ("Depth", "Position", "Object Index", "Material Index"):
+        assert passes[name].share <= PASSES_BAR, name
+    assert (passes["Depth"].ours < BACKGROUND_DEPTH).all()
+
+    def spoil(*arguments: Any) -> Any:
+        ours, cycles = render_both(*arguments)
+        return replace(ours, passes=ours.passes | {"Depth": ours.passes["Depth"] * np.float32(1.01)}), cycles
+
+    monkeypatch.setattr(comparison, "render_both", spoil)
+    assert comparison.compare_passes(scene, bpy.context.view_layer, *SMALL_SIZE)["Depth"].share > 0.9

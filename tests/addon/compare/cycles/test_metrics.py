@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from addon.compare.cycles import metrics
-from addon.compare.cycles.comparison import compare_pass
+from addon.compare.cycles.chance import BACKGROUND_DEPTH, Answer, find_doubtful, find_seen
+from addon.compare.cycles.comparison import compare_pass, join_answer
 
 
 def draw_batches(rng, mean, deviation, batches=8, shape=(48, 64, 3)):
@@ -155,3 +156,42 @@ def test_a_single_wrong_pixel_of_a_pass_is_found(rng, name):
     assert compare_pass(name, ours, cycles).share == 0.0
     cycles[:, 5, 4] += 1.0
     assert np.argwhere(compare_pass(name, ours, cycles).differing).tolist() == [[5, 4]]
+
+
+def foggy(rng):
+    """Return the depth (1, 12, 16, 1) of a wall, and eight batches that show it or, half of the time, the background;
+    pixel (2, 3) is never seen."""
+    wall = np.linspace(5, 6, 12 * 16).reshape(1, 12, 16, 1)
+    fog = rng.random((8, 12, 16, 1)) < 0.5
+    fog[0], fog[1] = True, False
+    fog[:, 2, 3] = True
+    return wall, np.where(fog, BACKGROUND_DEPTH, wall)
+
+
+def test_what_chance_hides_now_and_then_is_compared_where_it_is_seen(rng):
+    wall, cycles = foggy(rng)
+    ours = np.repeat(wall, 8, axis=0)
+    assert not compare_pass("Depth", ours, cycles, (find_seen(ours), find_seen(cycles))).differing[5, 4]
+    ours[:, 5, 4] *= 1.01
+    difference = compare_pass("Depth", ours, cycles, (find_seen(ours), find_seen(cycles)))
+    assert [5, 4] in np.argwhere(difference.differing).tolist()
+    assert set(map(tuple, np.argwhere(difference.differing))) <= {(5, 4), (2, 3)}
+
+
+def test_what_is_never_seen_is_in_doubt_until_it_is_shown(rng):
+    wall, cycles = foggy(rng)
+    ours = np.repeat(wall, 8, axis=0)
+    seen = find_seen(ours), find_seen(cycles)
+    doubtful = find_doubtful(*seen)
+    assert np.argwhere(doubtful).tolist() == [[2, 3]]
+    for depth, agrees in ((wall, True), (wall * 1.01, False)):
+        shown = Answer({"Depth": depth}, doubtful[np.newaxis])
+        assert join_answer("Depth", ours, cycles, *seen, shown).differing.any() != agrees
+    never = Answer({"Depth": wall}, np.zeros_like(doubtful)[np.newaxis])
+    assert np.argwhere(join_answer("Depth", ours, cycles, *seen, never).differing).tolist() == [[2, 3]]
+
+
+def test_without_chance_there_is_no_doubt(rng):
+    wall, _ = foggy(rng)
+    hole = np.where(np.arange(16)[:, np.newaxis] < 8, wall, BACKGROUND_DEPTH)
+    assert not find_doubtful(find_seen(wall), find_seen(hole)).any()
