@@ -12,7 +12,6 @@ import pytest
 from addon.compare.cycles import metrics
 from addon.compare.cycles.rendering import Request, render_both
 from blend_scenes import building
-from tests.addon.against_cycles.test_hair import BIAS_BAR, ROUND_BAR, add_strands
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
 
@@ -191,28 +190,6 @@ def test_motion_agrees(name):
     summed = SAMPLES * CYCLES_FACTOR
     assert metrics.share_failing_pixels(ours, cycles, summed) <= MITSUBA_BAR
     assert metrics.share_failing_tiles(ours, cycles, summed, size=8) == 0.0
-
-
-@pytest.mark.parametrize("shape", ["RIBBONS", pytest.param("THICK", marks=pytest.mark.slow)])
-def test_hair_in_motion_agrees(shape):
-    """Shining strands that go by and turn, and fur of a ball that does."""
-    scene, thing = make_stage()
-    bpy.data.objects.remove(thing)
-    scene.cycles_curves.shape, scene.cycles_curves.subdivisions = shape, 4
-    shining = building.make_shader("Shining", "Emission", (0.9, 0.6, 0.3))
-    strands = add_strands(shining, count=10, width=0.15)
-    key(strands, "location", (-0.8, 0, 0), (-0.3, 0, 0.2), (0.6, 0, 0))
-    key(strands, "rotation_euler", (0, 0, 0), (0, 0.2, 0), (0, 0.9, 0))
-    ball = building.link_object("Ball", building.make_sphere("Ball", 0.3, 8), (0.8, 0, 0.4), materials=[shining])
-    hair = ball.modifiers.new("Hair", "PARTICLE_SYSTEM").particle_system.settings
-    hair.type, hair.count, hair.hair_length, hair.radius_scale = "HAIR", 20, 0.5, 0.3
-    key(ball, "location", (1.2, 0, 0.4), (0.8, 0, 0.4), (0.4, 0, 0.6))
-    scene.frame_set(FRAME)
-    request = Request(*(*SIZE, SAMPLES, 4, BATCHES), cycles_factor=CYCLES_FACTOR, integrator="PATH")
-    ours, cycles = (side.passes["Combined"] for side in render_both(scene, bpy.context.view_layer, request))
-    assert ours[..., :3].max() > 0
-    assert metrics.share_failing_pixels(ours, cycles, SAMPLES * CYCLES_FACTOR) <= ROUND_BAR
-    assert metrics.measure_tiles(ours, cycles, size=8).bias <= BIAS_BAR
 
 
 def test_the_test_would_see_a_picture_without_the_blur():

@@ -91,9 +91,9 @@ def drive(shown: Any, kind: str, socket: str, add: float = 0.0) -> tuple[Any, An
     return node, total
 
 
-def stretch(shown: Any) -> None:
+def stretch(shown: Any, add: float = 0.0) -> None:
     """Each point goes by (1, 1, 1) for a frame, times its height."""
-    node, total = drive(shown, "GeometryNodeSetPosition", "Offset")
+    node, total = drive(shown, "GeometryNodeSetPosition", "Offset", add)
     tree = shown.modifiers[-1].node_group
     kinds = "ShaderNodeMath", "GeometryNodeInputPosition", "ShaderNodeSeparateXYZ"
     scale, place, parts = (tree.nodes.new(kind) for kind in kinds)
