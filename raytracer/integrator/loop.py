@@ -32,7 +32,7 @@ from raytracer.integrator.contributions import (
     finish_alpha,
 )
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.media.scene_media import immerse_paths
+from raytracer.integrator.media.scene_media import immerse_paths, leave_media
 from raytracer.integrator.media.travel import cross_media
 from raytracer.integrator.near_misses import note_near_misses
 from raytracer.integrator.passes.aovs import add_sky_aovs, add_surface_aovs
@@ -124,6 +124,9 @@ def follow_split(integrator: Integrator, passes: PathPasses, paths: Paths, hits:
     paths, hits = paths.select(split), hits.select(split)
     note_split(integrator, passes, paths)
     catchers_only, seen = integrator.catchers_only, passes.caught.catchers_only
+    if paths.media is not None:
+        assert integrator.is_catcher is not None
+        paths = leave_media(catchers_only.media, paths, integrator.is_catcher)
     follow(catchers_only, seen, *shade_wave(catchers_only, seen, paths, hits, sampler))
 
 

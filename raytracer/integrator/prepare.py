@@ -33,7 +33,7 @@ from raytracer.integrator.light_sources import (
     make_world_sources,
     set_chances,
 )
-from raytracer.integrator.media.scene_media import SceneMedia, make_scene_media
+from raytracer.integrator.media.scene_media import SceneMedia, keep_media, make_scene_media
 from raytracer.integrator.media.shadow_media import media_visibility
 from raytracer.integrator.passes.light_groups import group_light, group_source
 from raytracer.integrator.picked_geometry import PickedGeometry, pick_geometry
@@ -237,9 +237,10 @@ def _compose(
     cast_shadow = make_shadow_cast(
         cast, None if shadow_links is None else make_linked_cast(cast, shadow_links.shadow_set)
     )
-    if media is not None:
+    within = media if media is None or present is None else keep_media(media, present)
+    if within is not None:
         assert settings.shadow_passages is not None  # as Settings fills it in
-        visibility = media_visibility(cast_shadow, tables, materials, settings.shadow_passages, media)
+        visibility = media_visibility(cast_shadow, tables, materials, settings.shadow_passages, within)
     elif features.transparency:
         assert settings.shadow_passages is not None  # as Settings fills it in
         visibility = transparent_visibility(cast_shadow, tables, materials, settings.shadow_passages)
@@ -286,7 +287,7 @@ def _compose(
         or any(reads_light_path(light.nodes.program) for light in computed.values()),
         terminator=terminator,
         cast_inside=make_inside_cast(caster, order) if features.subsurface and needs_light else None,
-        media=media,
+        media=within,
         measure_depth=find_depth_measure(scene) if features.portals else None,
         caustics=caustics,
     )

@@ -106,6 +106,28 @@ def make_scene_media(
     return SceneMedia(table, majorants, tables, part, number, closed, middle, reach, emits)
 
 
+def keep_media(media: SceneMedia, present: Booleans) -> SceneMedia | None:
+    """Return the media of the objects that are present (instances + groups,) alone, None where they have none.
+
+    Of the world's nothing stays: it is no part of what shadow catchers stand for, as in Cycles.
+    """
+    if not present[media.number].any():
+        return None
+    return replace(media, table=replace(media.table, fills=False))
+
+
+def leave_media(media: SceneMedia | None, paths: Paths, present: Booleans) -> Paths:
+    """Return paths that are inside of nothing but objects that are present.
+
+    media : of those objects, None where they have none
+    """
+    if media is None or paths.media is None:
+        return replace(paths, media=None)
+    inside = paths.media.inside
+    stays = (inside != NOTHING) & present[media.table.instance[inside]]
+    return replace(paths, media=MediaStack(paths.media.index, np.where(stays, inside, NOTHING)))
+
+
 def _measure_scene(scene: Scene, table: MediaTable) -> tuple[Floats, float]:
     """Return the middle (3,) of the scene and its camera, and how far the world's volume reaches, metres."""
     matrices = _list_matrices(scene)

@@ -14,7 +14,9 @@ from raytracer.integrator.settings import Settings
 from raytracer.rendering.render import render
 from raytracer.scene.fields import SEEN_BY
 from raytracer.scene.materials import Closure, Material
+from raytracer.scene.media import Volume, VolumeClosure
 from raytracer.scene.programs import Program, Register, Step
+from tests.raytracer.integrator.media_scenes import make_box
 
 DIFFUSE, MIRROR, PANE, GLOWING, THIN = range(5)
 MATERIALS = [
@@ -50,7 +52,7 @@ def make_scene(meshes, catches, lights=(OVERHEAD,), world=None, **options):
             shadow_catcher=catches,
             holdout=options.pop("holdout", None),
         ),
-        materials=MATERIALS,
+        materials=options.pop("materials", MATERIALS),
         lights=lights,
         world=world,
         camera=raytracer.Camera(matrix, projection="orthographic", ortho_scale=4.0),
@@ -93,6 +95,26 @@ def test_a_lamp_that_is_no_part_of_the_footage_takes_from_the_shadow_only():
     lamp = raytracer.SunLight((1, 0, 1), 0.75 * np.sqrt(2), shadow_catcher=False)
     alpha = see(make_scene([GROUND, ROOF], [True, False], [OVERHEAD, lamp]))[:, 3]
     np.testing.assert_allclose(alpha, np.repeat([1, 0.75, 0], [2, 2, 4]), rtol=1e-6)
+
+
+FOG = Volume((VolumeClosure("absorption", color=0.5, density=0.8),))  # takes 0.4 of each metre's light
+
+
+@pytest.mark.parametrize("catches", [True, False], ids=["of the footage", "of the scene"])
+def test_fog_of_the_scene_is_a_shadow_and_of_the_footage_is_none(catches):
+    """Over ground that stands in it 2 m deep, and a camera at 0.9 m; both are in it, and see nothing of its border."""
+    fog = make_box((9.5, 9.5, 3), (0, 0, -1), material=len(MATERIALS))
+    materials = [*MATERIALS, Material(volume=FOG, only_volume=True)]
+    scene = make_scene([GROUND, fog], [True, catches], materials=materials)
+    before, above = np.exp(-0.4 * np.array([0.9, 2.0]))
+    expected = 1.0 - before if catches else 1.0 - before * above
+    np.testing.assert_allclose(see(scene)[:, 3], expected, rtol=1e-6)
+
+
+def test_fog_of_the_world_is_no_part_of_the_footage():
+    """A sun that it hides altogether is a shadow."""
+    world = raytracer.World(0.0, volume=FOG)
+    assert (see(make_scene([GROUND], [True], world=world))[:, 3] == 1.0).all()
 
 
 def make_gradient():
