@@ -201,14 +201,17 @@ def project_polynomial(panorama: Panorama, sensor: tuple[float, float], x: Float
 
 
 def locate_polynomial(panorama: Panorama, sensor: tuple[float, float], points: Floats) -> Plane:
-    """The inverse of `project_polynomial`, by Newton's steps from the root of its linear part."""
+    """The inverse of `project_polynomial`, by Newton's steps from the root of its linear part, of each point as many as
+    it needs: what others need decides about no bit."""
     aim, slopes = -measure_angle(points), np.arange(1, 5) * np.array(panorama.polynomial[1:])
     radius = (aim - panorama.polynomial[0]) / panorama.polynomial[1] if panorama.polynomial[1] else np.ones_like(aim)
+    goes_on = np.ones(len(radius), dtype=np.bool_)
     for _ in range(MOST_STEPS):
         slope = evaluate_polynomial(slopes, radius)
         step = (aim - evaluate_polynomial(panorama.polynomial, radius)) / np.where(slope != 0, slope, 1.0)
-        radius = radius + step
-        if np.abs(step).max(initial=0.0) < SMALLEST_STEP:
+        radius = radius + np.where(goes_on, step, 0.0)
+        goes_on &= ~(np.abs(step) < SMALLEST_STEP)
+        if not goes_on.any():
             break
     place = place_around_middle(points, radius)
     return Plane(place.x / sensor[0], place.y / sensor[1])

@@ -131,6 +131,15 @@ def test_what_a_point_shows_is_found_there_again(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", PANORAMAS)
+def test_a_point_is_found_with_the_same_bits_among_others(kind: str) -> None:
+    camera = make_camera(kind, **LENSES.get(kind, {}))
+    points = np.random.default_rng(7).normal(size=(300, 3))
+    alone = [find_on_film(camera, WIDTH, HEIGHT, points[row : row + 1]) for row in range(len(points))]
+    found = find_on_film(camera, WIDTH, HEIGHT, points)
+    np.testing.assert_array_equal(found, np.concatenate(alone, axis=1))
+
+
+@pytest.mark.parametrize("kind", PANORAMAS)
 def test_coarse_pixels_look_where_the_fine_ones_look(kind: str) -> None:
     camera = make_camera(kind, shift_y=0.1, sensor_height=20.0)
     coarse = coarsen(camera, WIDTH, HEIGHT, 7)

@@ -111,6 +111,12 @@ def test_distances_have_the_falloffs_density():
     np.testing.assert_allclose(share, number, atol=2.0**-32)
 
 
+def test_a_distance_has_the_same_bits_among_others():
+    number = np.linspace(0.0, 1.0 - 2.0**-32, 1001)
+    alone = [sample_falloff(number[row : row + 1])[0] for row in range(len(number))]
+    np.testing.assert_array_equal(sample_falloff(number), alone)
+
+
 # Integrals ------------------------------------------------------------------------------------------------------------
 
 
