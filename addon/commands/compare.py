@@ -114,6 +114,7 @@ def show_renders(bpy: Any, as_json: bool) -> Iterator[Callable[[str, int], None]
 
     def count(*_: Any) -> None:
         if bar is not None:
+            bar.total = max(bar.total, bar.n + 1)  # where passes are asked again nobody knows how often
             bar.update(1)
 
     def on_look(text: str, renders: int) -> None:

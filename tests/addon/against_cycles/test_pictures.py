@@ -31,6 +31,8 @@ PASSES_BAR = 0.001
 # strand that points at the camera, where 20,000 points a segment say what ours says to 1e-6.
 FINEST_STRANDS = 5
 WITH_STRANDS = ("hair",)
+# Through the densest of a cloud Cycles shows one path in thousands: it is not asked until the last pixel is seen.
+BEHIND_CLOUDS = ("volumes",)
 PASS_SIZE = (64, 36)
 PICTURE_SIZE = (48, 27)
 SMALL_SIZE = (32, 24)
@@ -61,7 +63,7 @@ def test_passes_at_pixel_centres_agree(path, record_property):
     record_property("largest_elsewhere", {name: item.largest_elsewhere for name, item in passes.items()})
     record_property("share", {name: item.share for name, item in passes.items()})
     for name in ("Depth", "Position", "Object Index", "Material Index"):
-        assert passes[name].share <= (PASSES_BAR if path.stem in WITH_STRANDS else 0.0), name
+        assert passes[name].share <= (PASSES_BAR if path.stem in WITH_STRANDS + BEHIND_CLOUDS else 0.0), name
     assert max(item.share for item in passes.values()) <= PASSES_BAR, {k: v.share for k, v in passes.items()}
 
 
