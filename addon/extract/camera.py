@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import raytracer
+from raytracer.film.camera import measure_film_extent
 
 from .warnings import WarningList
 
@@ -166,3 +167,16 @@ def remove_scale(matrix: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     unscaled[:3, :3] /= lengths
     unscaled[3] = (0.0, 0.0, 0.0, 1.0)
     return unscaled
+
+
+def make_camera_motion(cameras: list[Any]) -> raytracer.CameraMotion | None:
+    """Return the motion of cameras, one for each step; None where they are all the same."""
+    if not cameras:
+        return None
+    matrices = np.array([camera.world_from_camera for camera in cameras])
+    ends = cameras[0], cameras[len(cameras) // 2], cameras[-1]
+    extents = np.array([measure_film_extent(camera) for camera in ends])
+    zooms = ends[1].projection == "perspective" and bool((extents != extents[1]).any())
+    if (matrices == matrices[0]).all() and not zooms:
+        return None
+    return raytracer.CameraMotion(matrices, extents / extents[1] if zooms else None)

@@ -255,3 +255,12 @@ def extract_points(cloud: Any, name: str, warnings: WarningList) -> Points | Non
     if not kept.any():
         return None
     return Points(centres[kept].astype(np.float64), radii[kept].astype(np.float64), kept)
+
+
+def has_points(cloud: Points | None, middle: Points) -> bool:
+    """Return whether a point cloud at a step is what it is in the middle."""
+    return (
+        cloud is not None
+        and np.array_equal(cloud.centres, middle.centres)
+        and np.array_equal(cloud.radii, middle.radii)
+    )

@@ -15,6 +15,7 @@ scene/object.cpp (motion_time).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,15 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import raytracer
-from raytracer.film.camera import measure_film_extent
 
 from .. import versions
-from .camera import read_camera
+from .camera import make_camera_motion, read_camera
 from .dicing import Diced, carry_shape
-from .meshes import Points, extract_points, has_shape, open_mesh, read_corners, read_shape
+from .meshes import Points, extract_points, has_points, has_shape, open_mesh, read_corners, read_shape
 from .shutter import SetFrame, Shutter, read_curve
 from .strand_motion import FollowedStrands, PlacedStrands, StrandTrack, make_curves_motion, read_shapes, start_track
 from .strands import Strands
+from .velocities import move_points, read_velocity
 from .warnings import WarningList
 
 # Cycles takes no more steps of an object.
@@ -53,6 +54,7 @@ class Track:
     is_diced : True where its mesh is what it was before its subdivision
     clouds : its points by time, where they may
     corners : (triangles, 3) corners of faces, where the mesh has normals of its own there
+    velocity : (v, 3) float64, metres per second, of vertices or points, whose shapes do not count then; or None
     strands : of hair that may change its shape, or None
     """
 
@@ -62,6 +64,7 @@ class Track:
     is_mesh: bool
     is_diced: bool = False
     corners: NDArray[np.int32] | None = None
+    velocity: NDArray[np.float64] | None = None
     matrices: dict[float, NDArray[np.float64]] = field(default_factory=dict)
     shapes: dict[float, tuple[NDArray[Any], NDArray[Any] | None]] = field(default_factory=dict)
     clouds: dict[float, Points | None] = field(default_factory=dict)
@@ -108,14 +111,12 @@ class Tracks:
             self.keys.append(None)
             return
         key = find_key(instance, source, instancer)
-        deforms = mesh not in self.deforming and (self.steps is not None or use_deformation(shown, instancer))
-        deforms = deforms and shown.type != "VOLUME" and source.is_deform_modified(self.scene, "RENDER")
-        track = Track(steps, deforms, source.name, mesh is not None, is_diced)
-        if deforms and mesh is not None:
+        track = Track(steps, False, source.name, mesh is not None, is_diced)
+        may_deform = mesh not in self.deforming and (self.steps is not None or use_deformation(shown, instancer))
+        if may_deform and shown.type in ("MESH", "POINTCLOUD"):
+            note_shape(track, shown, source, self.scene)
+        if mesh is not None and (track.deforms or track.velocity is not None):
             self.deforming.add(mesh)
-            with open_mesh(source, shown.data, is_diced) as data:
-                if data.normals_domain == "CORNER":
-                    track.corners = read_corners(data)
         self.tracks[key] = track
         self.keys.append(key)
 
@@ -188,6 +189,16 @@ class Tracks:
                 track.clouds[time] = extract_points(shown.data, track.name, WarningList())
 
 
+def note_shape(track: Track, shown: Any, source: Any, scene: Any) -> None:
+    """Note what the shape of a mesh or of points does: has velocities, or may change."""
+    is_mesh = shown.type == "MESH"
+    with open_mesh(source, shown.data, track.is_diced) if is_mesh else nullcontext(shown.data) as data:
+        track.velocity = read_velocity(data)
+        track.deforms = track.velocity is None and source.is_deform_modified(scene, "RENDER")
+        if track.deforms and is_mesh and data.normals_domain == "CORNER":
+            track.corners = read_corners(data)
+
+
 def count_steps(shown: Any, instancer: Any) -> int:
     """Return how many steps the motion of an object has; 0 where it or its instancer shall not be blurred."""
     owners = (shown,) if shown.original == instancer.original else (shown, instancer)
@@ -233,8 +244,8 @@ def read_motion(
         if time in camera_times:
             cameras[time] = read_camera(camera.evaluated_get(depsgraph), depsgraph.scene_eval.render, WarningList())
     moving = make_camera_motion([cameras[time] for time in camera_times])
-    instances, meshes = make_instance_motion(tracks, scene), make_mesh_motion(tracks, scene)
     seconds = shutter.length * depsgraph.scene.render.fps_base / depsgraph.scene.render.fps
+    instances, meshes = make_instance_motion(tracks, scene), make_mesh_motion(tracks, scene, seconds, warnings)
     curves = make_curves_motion(tracks.follow_hair(), seconds, warnings)
     spheres = make_spheres_motion(tracks) if tracks.is_blur else []
     warn_points(tracks, warnings)
@@ -244,19 +255,6 @@ def read_motion(
         return raytracer.Motion(moving, instances, meshes, curves=curves)
     shutter_curve, rolling = read_curve(depsgraph.scene.render), versions.read_rolling_shutter(depsgraph.scene)
     return raytracer.Motion(moving, instances, meshes, spheres, curves, shutter_curve, rolling)
-
-
-def make_camera_motion(cameras: list[Any]) -> raytracer.CameraMotion | None:
-    """Return the motion of cameras, one for each step; None where they are all the same."""
-    if not cameras:
-        return None
-    matrices = np.array([camera.world_from_camera for camera in cameras])
-    ends = cameras[0], cameras[len(cameras) // 2], cameras[-1]
-    extents = np.array([measure_film_extent(camera) for camera in ends])
-    zooms = ends[1].projection == "perspective" and bool((extents != extents[1]).any())
-    if (matrices == matrices[0]).all() and not zooms:
-        return None
-    return raytracer.CameraMotion(matrices, extents / extents[1] if zooms else None)
 
 
 def make_instance_motion(tracks: Tracks, scene: raytracer.Scene) -> list[raytracer.InstanceMotion]:
@@ -288,25 +286,37 @@ def make_spheres_motion(tracks: Tracks) -> list[raytracer.SpheresMotion]:
     return motion
 
 
-def make_mesh_motion(tracks: Tracks, scene: raytracer.Scene) -> list[raytracer.MeshMotion]:
-    """Return the motion of meshes that deform; where the number of vertices changes, a step is as the middle."""
+def make_mesh_motion(
+    tracks: Tracks, scene: raytracer.Scene, seconds: float, warnings: WarningList
+) -> list[raytracer.MeshMotion]:
+    """Return the motion of meshes that deform, in the seconds that the shutter is open."""
     motion: dict[int, raytracer.MeshMotion] = {}
     assert scene.instances is not None
     for number, row in enumerate(tracks.rows):
         key, index = tracks.keys[row], int(scene.instances.mesh[number])
-        track = tracks.tracks[key] if key is not None else None
-        if track is None or not track.shapes or index in motion:
+        if key is None or index in motion:
             continue
-        mesh, plain = scene.meshes[index], tracks.undisplaced[index]
-        base = tracks.base[index]
-        middle = base.positions, base.normals
-        shapes = [track.shapes.get(time, middle) for time in list_times(track.steps)]
-        shapes = [shape if has_shape(shape, middle) else middle for shape in shapes]
+        base, plain = tracks.base[index], tracks.undisplaced[index]
+        shapes = list_shapes(tracks.tracks[key], base, seconds, warnings)
         if any((shape[0] != base.positions).any() for shape in shapes):
             if index in tracks.diced:
                 shapes = [carry_shape(tracks.diced[index], shape) for shape in shapes]
-            motion[index] = displace_steps(index, mesh, plain, shapes)
+            motion[index] = displace_steps(index, scene.meshes[index], plain, shapes)
     return list(motion.values())
+
+
+def list_shapes(
+    track: Track, base: raytracer.Mesh, seconds: float, warnings: WarningList
+) -> list[tuple[NDArray[Any], NDArray[Any] | None]]:
+    """Return positions and normals of a mesh at each step; where the number of vertices changes, as in the middle."""
+    middle = base.positions, base.normals
+    if track.velocity is not None:
+        steps = move_points(base.positions, track.velocity, seconds)
+        if steps is None:
+            warnings.add("velocities that are not finite: it keeps its shape in motion", track.name)
+        return [(step, base.normals) for step in steps or ()]
+    shapes = [track.shapes.get(time, middle) for time in list_times(track.steps)] if track.shapes else []
+    return [shape if has_shape(shape, middle) else middle for shape in shapes]
 
 
 def displace_steps(
@@ -332,17 +342,9 @@ def warn_points(tracks: Tracks, warnings: WarningList) -> None:
             continue
         track = tracks.tracks[key]
         changes = any(not has_points(cloud, group.points) for cloud in track.clouds.values())
+        changes |= track.velocity is not None and bool(track.velocity.any())
         if tracks.is_blur and changes:
             warnings.add("motion blur of point clouds that change their shape is not supported", track.name)
         moves = changes or any((matrix != group.world_from_object).any() for matrix in track.matrices.values())
         if not tracks.is_blur and moves:
             warnings.add("the Vector pass of point clouds is not supported: its points stand still", track.name)
-
-
-def has_points(cloud: Points | None, middle: Points) -> bool:
-    """Return whether a point cloud at a step is what it is in the middle."""
-    return (
-        cloud is not None
-        and np.array_equal(cloud.centres, middle.centres)
-        and np.array_equal(cloud.radii, middle.radii)
-    )

@@ -1,15 +1,14 @@
 """What is read of strands in motion: their points and radii at its steps, or how fast their points move.
 
 Between two steps of k and k' points of one strand, point i of the first is where i (k' - 1) / (k - 1) is among those of
-the second, straight between two of them. Points with velocities v go straight on, from P - v s / 2 to P + v s / 2 in
-the s seconds that the shutter is open, whatever their object's steps are.
+the second, straight between two of them. Those with velocities go straight on (`velocities`).
 
 Radii change as points do: so do Cycles' own data, of which it takes the radii of the middle on processors (Embree).
 
 References
 ----------
 Blender, intern/cycles/blender/curves.cpp: which strands change their shape (sync_hair_motion), what they are at a step
-(export_hair_curves_motion, ExportCurveSegmentsMotion), their velocities (attr_create_motion_from_velocity);
+(export_hair_curves_motion, ExportCurveSegmentsMotion);
 kernel/geom/motion_curve.h, scene/hair.cpp (keys_for_step): radii.
 """
 
@@ -24,7 +23,8 @@ from numpy.typing import NDArray
 
 import raytracer
 
-from .strands import Strands, Values, list_hair, read_curves, read_hair, read_velocity
+from .strands import Strands, Values, list_hair, read_curves, read_hair
+from .velocities import move_points, read_velocity
 from .warnings import WarningList
 
 # Metres that points of particles may be off their place, which Blender knows in world space: Cycles' number.
@@ -118,7 +118,8 @@ def list_steps(track: StrandTrack, strands: Strands, times: list[float], seconds
     strands : as they are in the middle; a step at which they are not there is as that
     """
     if track.velocity is not None:
-        return push(strands, track.velocity, seconds)
+        moved = move_points(strands.points, track.velocity, seconds)
+        return None if moved is None else [replace(strands, points=points) for points in moved]
     if not track.changes:
         return []
     steps: list[Strands] = []
@@ -129,15 +130,6 @@ def list_steps(track: StrandTrack, strands: Strands, times: list[float], seconds
             return None
         steps.append(fitting)
     return steps if any(differ(step, strands) for step in steps) else []
-
-
-def push(strands: Strands, velocity: Values, seconds: float) -> list[Strands] | None:
-    """Return strands at the first, the middle and the last of some seconds; None where their velocities, in metres per
-    second, are others' or not finite."""
-    if len(velocity) != len(strands.points) or not np.isfinite(velocity).all():
-        return None
-    way = velocity * (seconds / 2.0)
-    return [replace(strands, points=strands.points + sign * way) for sign in (-1.0, 0.0, 1.0)] if way.any() else []
 
 
 def fit(shape: Strands, middle: Strands) -> Strands | None:

@@ -107,14 +107,6 @@ def read_curves(data: Any) -> Strands | None:
     return Strands(points.astype(np.float64), np.maximum(radii.astype(np.float64), 0.0), first)
 
 
-def read_velocity(data: Any) -> Values | None:
-    """Return how fast points of a Curves data-block move, (p, 3) metres per second; None where they do not tell."""
-    attribute = data.attributes.get("velocity")
-    if attribute is None or (attribute.domain, attribute.data_type) != ("POINT", "FLOAT_VECTOR"):
-        return None
-    return read_array(attribute.data, "vector", np.float32, 3).astype(np.float64)
-
-
 # Blender's number of curves whose points are joined by straight lines.
 POLY = 1
 

@@ -92,6 +92,12 @@ def pose(scene, thing):
     key(armature.pose.bones["Bone"], "location", (-0.8, 0, 0), (0, 0, 0), (0.8, 0.3, 0))
 
 
+def fly(scene, thing):
+    """Velocities of corners, in metres per second: two go to the right, two up."""
+    velocity = np.array([(1, 0, 0), (1, 0, 0), (0, 0.5, 0), (0, 0.5, 0)], np.float32) * scene.render.fps
+    thing.data.attributes.new("velocity", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", velocity.ravel())
+
+
 def carry(scene, thing):
     """A parent."""
     thing.parent = add_empty(scene)
@@ -162,6 +168,7 @@ SLOW = {
     "a zoom": zoom,
     "a shape key": bend,
     "an armature": pose,
+    "velocities": fly,
     "a parent": carry,
     "a collection": scatter,
     "an object that is left out": leave_out,
@@ -204,9 +211,10 @@ def test_the_test_would_see_a_picture_without_the_blur():
 VECTOR_TOLERANCE, VECTOR_SHARE = 0.05, 0.02
 
 
-@pytest.mark.parametrize(
-    "name", ["a camera", *(pytest.param(name, marks=pytest.mark.slow) for name in ("a turn", "a zoom", "a shape key"))]
-)
+SLOW_VECTORS = "a turn", "a zoom", "a shape key", "velocities"
+
+
+@pytest.mark.parametrize("name", ["a camera", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW_VECTORS)])
 def test_vectors_agree_but_at_edges(name):
     """There Cycles has the mean of two surfaces."""
     scene, thing = make_stage()

@@ -194,6 +194,41 @@ def test_a_mesh_that_changes_its_vertices_stands_still(stage: Any, shown: Any) -
     assert moved is None or all(part.positions.shape[1] == 3 * FRAME for part in moved.meshes)
 
 
+def add_velocity(shown: Any, velocity: Any) -> None:
+    shown.data.attributes.new("velocity", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", np.ravel(velocity))
+
+
+def test_a_mesh_with_velocities_goes_straight_on(stage: Any, shown: Any) -> None:
+    """By metres in a second: half a frame before and half a one behind; shapes at other frames do not count."""
+    add_shape(shown)
+    shown.data.polygons.foreach_set("use_smooth", [True])
+    stage.render.fps, stage.render.fps_base = 10, 2.0
+    velocity = np.arange(9, dtype=np.float32).reshape(3, 3)
+    add_velocity(shown, velocity)
+    found = read(stage)[0].scene
+    (part,) = found.motion.meshes
+    middle = found.meshes[0]
+    assert np.allclose(part.positions, middle.positions + velocity * np.reshape([-0.1, 0.0, 0.1], (3, 1, 1)), atol=1e-6)
+    assert np.array_equal(part.normals, [middle.normals] * 3)
+    stage.render.use_motion_blur = False
+    (part,) = read(stage, "Vector")[0].scene.neighbors.meshes
+    assert np.allclose(part.positions[2] - part.positions[0], velocity * 0.4, atol=1e-6)
+
+
+def test_velocities_that_are_not_finite_are_named(stage: Any, shown: Any) -> None:
+    add_velocity(shown, [np.nan] * 9)
+    found = read(stage)[0]
+    assert found.scene.motion is None
+    assert "velocities that are not finite: it keeps" in str(found.warnings[0])
+
+
+def test_velocities_of_what_shall_not_deform_are_not_read(stage: Any, shown: Any, monkeypatch: Any) -> None:
+    add_velocity(shown, np.ones(9))
+    shown.cycles.use_deform_motion = False
+    monkeypatch.setattr(motion, "read_velocity", None)
+    assert read(stage)[0].scene.motion is None
+
+
 def test_a_camera_that_moves_and_zooms(stage: Any) -> None:
     camera = stage.camera
     move(camera)
@@ -253,12 +288,18 @@ def test_point_clouds_move_with_their_object(stage: Any, shown: Any) -> None:
 
 
 @pytest.mark.parametrize("passes", [(), ("Vector",)])
-def test_point_clouds_are_named_where_they_change_and_no_more(stage: Any, shown: Any, passes: tuple[str, ...]) -> None:
-    """Nodes may change a shape at any time; whether they do is seen in the points."""
+@pytest.mark.parametrize("velocity", [None, 1.0])
+def test_point_clouds_are_named_where_they_change_and_no_more(
+    stage: Any, shown: Any, passes: tuple[str, ...], velocity: float | None
+) -> None:
+    """Nodes may change a shape at any time; whether they do is seen in the points, or their velocities."""
     scatter(shown)
     stage.render.use_motion_blur = not passes
     assert not read(stage, *passes)[0].warnings
-    add_shape(shown)
+    if velocity is None:
+        add_shape(shown)
+    else:
+        add_velocity(shown, np.full(9, velocity))
     (warning,) = read(stage, *passes)[0].warnings
     assert str(warning).startswith("object 'Object': " + ("the Vector pass of" if passes else "motion blur of"))
 

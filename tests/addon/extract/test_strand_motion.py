@@ -12,8 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from addon.extract import motion
 from addon.extract.scene import extract_scene
-from addon.extract.strand_motion import fit, push, resample
+from addon.extract.strand_motion import fit, resample
 from addon.extract.strands import Strands
+from addon.extract.velocities import move_points
 from raytracer.scene.moments import find_moment
 
 from .test_instances import add_instancer, add_nodes_modifier
@@ -276,6 +277,13 @@ def test_strands_that_are_not_finite_or_not_as_many_do_not_fit() -> None:
     broken = make_strands(3, 4)
     broken.points[5, 1] = np.nan
     assert fit(broken, strands) is None
-    assert push(strands, np.full((7, 3), np.inf), 1.0) is None
-    assert push(strands, np.ones((6, 3)), 1.0) is None
-    assert push(strands, np.zeros((7, 3)), 1.0) == []
+
+
+def test_points_go_straight_on_with_velocities_that_are_theirs_and_finite() -> None:
+    points, velocity = np.arange(21.0).reshape(7, 3), np.ones((7, 3))
+    steps = move_points(points, velocity, 3.0)
+    assert steps is not None
+    assert_array_equal(steps, [points - 1.5, points, points + 1.5])
+    assert move_points(points, 0.0 * velocity, 3.0) == []
+    assert move_points(points, velocity[1:], 3.0) is None
+    assert move_points(points, np.inf * velocity, 3.0) is None
