@@ -2,6 +2,8 @@
 
 Between two steps of k and k' points of one strand, point i of the first is where i (k' - 1) / (k - 1) is among those of
 the second, straight between two of them. Those with velocities go straight on (`velocities`).
+All particles of what may deform are read at each step, which no modifier tells to be needless: 10,000 strands of 17
+points take 0.13 s each time. Objects whose Deformation is switched off are not read.
 
 Radii change as points do: so do Cycles' own data, of which it takes the radii of the middle on processors (Embree).
 
