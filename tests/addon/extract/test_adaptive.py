@@ -272,6 +272,20 @@ def test_a_mesh_that_deforms_moves_as_its_limit_surface(box: Any, smooth: bool) 
     assert (motion.normals is None) != smooth
 
 
+@NEEDS_BASE
+def test_velocities_carry_a_diced_mesh_with_the_one_it_was_made_of(box: Any) -> None:
+    """By metres in a second, of each vertex as much as its place: half a frame before, its limit surface is smaller."""
+    scene = bpy.context.scene
+    scene.render.fps, scene.render.use_motion_blur, scene.render.motion_blur_shutter = 10, True, 1.0
+    velocity = box.data.attributes.new("velocity", "FLOAT_VECTOR", "POINT")
+    velocity.data.foreach_set("vector", np.ravel([point.co for point in box.data.vertices]))
+    extraction = read(set_frame=lambda frame, subframe: scene.frame_set(frame, subframe=subframe))
+    assert not extraction.warnings
+    (motion,), (mesh,) = extraction.scene.motion.meshes, extraction.scene.meshes
+    for step, factor in zip(motion.positions, (0.95, 1.0, 1.05), strict=True):
+        np.testing.assert_allclose(step, factor * mesh.positions, atol=1e-6)
+
+
 def list_curves(keys: Any) -> list[Any]:
     (layer,) = keys.animation_data.action.layers
     return [curve for bag in layer.strips[0].channelbags for curve in bag.fcurves]
