@@ -21,7 +21,8 @@ from .adaptive import AdaptiveBase, Dicing
 from .displacing import VERTEX_NORMAL
 from .warnings import WarningList
 
-# A mesh of more triangles is diced more coarsely: with the tree over them these take two gigabytes.
+# A mesh of more triangles is diced more coarsely. With the tree over them, and displaced, 1.1 million took 0.96 GB in
+# all: these are about three.
 MOST_TRIANGLES = 1 << 22
 
 

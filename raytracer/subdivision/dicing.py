@@ -7,7 +7,8 @@ long depends on its two ends alone, and its middle is one vertex for all triangl
 Cycles dices by DiagSplit: it finds for each edge of a patch how many equal parts it needs, splits patches whose edges
 are uneven, fills them with grids, and stitches these to the edges. Its vertices lie elsewhere on the same surface, and
 its diagonals may be longer than what was asked. Both surfaces are that of the limit, sampled at least as finely as
-asked: pictures differ by what is smaller than that.
+asked: colors agree in tiles, and depths, positions and normals to what changes between vertices a pixel apart. Where a
+displacement is smooth, edges half as long bring points 2.6 times closer.
 
 References
 ----------
