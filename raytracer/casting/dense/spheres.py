@@ -88,14 +88,12 @@ def _build_blocks(geometry: Geometry, frame: Frame, boxes: Floats, bounds: NDArr
     count = np.diff(starts)
     slot = np.minimum(np.arange(count.max()), count[:, np.newaxis] - 1)
     items = some.take(order).take(starts[:-1, np.newaxis] + slot)  # (b, k)
-    rows = pack_quadrics(frame.place(geometry.centres.take(items, axis=0)), _scale(frame, geometry.radii.take(items)))
+    rows = pack_quadrics(
+        frame.place(geometry.centres.take(items, axis=0)), times_power(geometry.radii.take(items), frame.exponent)
+    )
     rows[count < items.shape[1], -1] = np.nan  # blocks differ in size by one at most
     placed = frame.place(boxes).take(items, axis=0)  # (b, k, 2, 3)
     return SphereBlocks(make_levels(placed[:, :, 0].min(axis=1), placed[:, :, 1].max(axis=1)), items, rows)
-
-
-def _scale(frame: Frame, lengths: Floats) -> Floats:
-    return times_power(lengths, frame.exponent)
 
 
 def pack_quadrics(centre: Floats, radius: Floats) -> Floats:
