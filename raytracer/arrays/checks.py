@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raytracer.arrays.rows import lay_rows
+
 
 def _shape_matches(shape: tuple[int, ...], expected: Sequence[int | str]) -> bool:
     if shape == expected:
@@ -46,7 +48,7 @@ def as_array(value: ArrayLike, dtype: type, shape: Sequence[int | str], field: s
     try:
         raw = np.asarray(value)
         array = raw if raw.dtype == dtype else _convert(raw, dtype)
-        array = array if array.flags.c_contiguous else np.ascontiguousarray(array)
+        array = array if array.flags.c_contiguous else lay_rows(array)
     except (TypeError, ValueError):
         kind = getattr(value, "dtype", None) or type(value).__name__
         raise ValueError(f"{field}: expected an array {_describe(dtype, shape)}, got {kind}") from None
