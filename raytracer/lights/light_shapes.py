@@ -67,7 +67,7 @@ class LightHits:
 def place_hits(
     rows: Indices, count: int, distance: Floats | float, radiance: Floats, density: Floats | float
 ) -> LightHits:
-    """Return what `count` rays see of a light that only `rows` of them meet; distance, density : (k,), or one number."""
+    """Return what `count` rays see of a light that only `rows` (k,) of them meet; numbers : (k,), or one for all."""
     hits = LightHits(np.full(count, np.inf), make_zeros(count), np.zeros(count))
     hits.distance[rows], hits.density[rows] = distance, density
     put_rows(hits.radiance, rows, radiance)

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays.rows import find_sign
 from raytracer.arrays.types import Floats, Indices
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import world_corners
@@ -90,16 +91,16 @@ def lift_points(
     cutoff = np.where(flat & (tables.normals.first[mesh] >= 0), terminator.cutoff[surface.instance], 0.0)
     if surface.layer is not None:
         cutoff[surface.layer != 0] = 0.0
-    along = dot(normal, light)
-    side = np.where(along < 0, -1.0, 1.0)
-    over = side * dot(geometric, light)
-    along = np.abs(along)
-    span = np.where(cutoff > 0, cutoff, 1.0)
-    amount = np.where(along < cutoff, 2.0 - (over + along) / span, 1.0 - over / span)
-    amount = np.where(cutoff > 0, np.clip(amount, 0.0, 1.0), 0.0)
-    rows = np.flatnonzero(amount)
+    along, over = dot(normal, light), dot(geometric, light)
+    side = find_sign(along >= 0)
+    over *= side
+    near = np.flatnonzero((cutoff > 0) & (over < 2.0 * cutoff))  # few graze: all others stay
+    along, over, cutoff = np.abs(along[near]), over[near], cutoff[near]
+    amount = np.where(along < cutoff, 2.0 - (over + along) / cutoff, 1.0 - over / cutoff)
+    lifted = np.flatnonzero(amount > 0)
+    rows, amount = near[lifted], np.minimum(amount[lifted], 1.0)
     smooth = find_smooth_offset(tables, surface.select(rows), side[rows, np.newaxis] * geometric[rows])
-    return Lifted(rows, amount[rows, np.newaxis] * smooth)
+    return Lifted(rows, amount[:, np.newaxis] * smooth)
 
 
 def find_smooth_offset(tables: SurfaceTables, surface: Surface, geometric: Floats) -> Floats:
