@@ -307,12 +307,3 @@ def share_with_neighbors(values: Floats) -> Floats:
     padded = np.pad(values, 1, mode="edge")
     rows = sum(weight * padded[k : k + len(values)] for k, weight in enumerate(NEIGHBORS))
     return sum(weight * rows[:, k : k + values.shape[1]] for k, weight in enumerate(NEIGHBORS))
-
-
-def weigh_own(shape: tuple[int, int]) -> Floats:
-    """Return (h, w) the weight that each value of a picture has in its own mean with its neighbors."""
-    rows, columns = (np.full(side, NEIGHBORS[1]) for side in shape)
-    for side in (rows, columns):
-        side[0] += NEIGHBORS[0]
-        side[-1] += NEIGHBORS[2]
-    return rows[:, np.newaxis] * columns

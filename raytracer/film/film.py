@@ -49,8 +49,8 @@ from raytracer.film.unmet import add_near_misses, count_near_misses
 SECOND = ", second replication"
 # The sum of the squares of Combined's samples, each the mean of its colors.
 SQUARES = "Squares"
-# What tells how the samples of both replications of an adaptive film's pilot scatter: the sums of the mean of their
-# channels, of its square, and of their paths' lengths.
+# What tells how the samples of an adaptive film's pilot scatter: the sums of the mean of their channels, of its square,
+# and of their paths' lengths, of each replication, of its first samples and of its last ones.
 PILOT = "Pilot"
 # How often estimates of pixels are shared with neighbors. Once, 1.96 standard errors hold 90% of the errors of pixels
 # that are no fireflies, twice 92 to 94%, three times 92 to 95%, but edges are spread wider.
@@ -68,6 +68,11 @@ def square_means(values: Floats) -> Floats:
     with np.errstate(over="ignore", invalid="ignore"):
         mean = mean_column(values[:, :3])
         return (mean * mean)[:, np.newaxis]
+
+
+def split_pilot(pilot: int) -> int:
+    """Return how many samples of each replication are the first part of a pilot of so many sweeps."""
+    return pilot // 4
 
 
 @dataclass
@@ -158,7 +163,7 @@ class Film:
         self.arrays |= {matte_table(kind): np.zeros((pixels, 2 * slots)) for kind, slots in self._mattes.items()}
         self.arrays["Sample Count"] = np.zeros((pixels, 2), dtype=np.int32)
         if self.pilot:
-            self.arrays[PILOT] = np.zeros((pixels, 2 * 3))
+            self.arrays[PILOT] = np.zeros((pixels, 2 * 2 * 3))
 
     @property
     def ahead_samples(self) -> int:
@@ -219,7 +224,9 @@ class Film:
         value = values["Combined"][:, :3].mean(axis=1)
         with np.errstate(over="ignore"):
             noted = np.stack([value, value * value, values[LENGTH][:, 0]], axis=1)
-        self.arrays[PILOT][pixels, 3 * replication : 3 * replication + 3] += noted
+        done = int(self.arrays[COUNTS][pixels, replication].max(initial=0))  # as many of all these pixels
+        column = 3 * (2 * replication + (done >= split_pilot(self.pilot)))
+        self.arrays[PILOT][pixels, column : column + 3] += noted
 
     def set_centre(self, pixels: slice | Indices, values: Mapping[str, Floats]) -> None:
         """Store the passes that come from the pixel's centre; parameters as `add`."""

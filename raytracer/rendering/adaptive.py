@@ -14,9 +14,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from raytracer.arrays.types import Floats, Indices, Words
-from raytracer.film.film import COUNTS, PILOT, Film
+from raytracer.film.film import COUNTS, PILOT, Film, split_pilot
 from raytracer.integrator.settings import Settings
-from raytracer.rendering.allocation import allocate, measure_scatter
+from raytracer.rendering.allocation import Scatter, allocate, measure_scatter
 from raytracer.rendering.block_plan import BlockPlan
 from raytracer.rendering.blocks import Block, BlockResult, FrameWindow, ListedBlock, number_pixels
 from raytracer.rendering.ending import EndedBy, Ending
@@ -59,10 +59,11 @@ class AdaptivePlan(BlockPlan):
     def _list_blocks(self, density: Floats) -> Iterator[ListedBlock]:
         """Yield lists of as many whole sweeps as fit into a block: one more would make two of half the size."""
         sweep, offset, pilot = self._film.samples, self._offset, self._film.pilot
-        left = slice(self._film.ahead, None)
-        pixels, numbers = (listed[left] for listed in list_sweep(density, offset, sweep, pilot))
+        pixels, numbers = list_sweep(density, offset, sweep, pilot)
+        pixels, numbers = pixels[self._film.ahead :], numbers[self._film.ahead :]
         while sweep < self.sweeps:
-            most, first, lists, count = self._limit_sweeps(sweep), sweep, [], 0
+            lists: list[tuple[Indices, Words]] = []
+            most, first, count = self._limit_sweeps(sweep), sweep, 0
             while sweep - first < most and (not lists or count + len(pixels) <= self.size):
                 lists.append((pixels, numbers))
                 count += len(pixels)
@@ -73,9 +74,16 @@ class AdaptivePlan(BlockPlan):
 
 def decide_density(film: Film) -> Floats:
     """Return (pixels, 2) samples of each pixel over the average, of both replications, by the pilot in the film."""
-    sums, count, shape = film.arrays[PILOT], film.pilot // REPLICATIONS, (film.height, film.width)
-    first, second = (measure_scatter(sums[:, columns], count) for columns in (slice(0, 3), slice(3, 6)))
-    return np.stack([allocate(second, shape, film.pilot), allocate(first, shape, film.pilot)], axis=1)
+    sums, shape = film.arrays[PILOT].reshape(-1, REPLICATIONS, 2, 3), (film.height, film.width)
+    densities = [allocate(*measure_parts(sums[:, k], film.pilot), shape, film.pilot) for k in range(REPLICATIONS)]
+    return np.stack(densities[::-1], axis=1)
+
+
+def measure_parts(sums: Floats, pilot: int) -> tuple[Scatter, list[Scatter]]:
+    """Return what one replication's pilot knows, all of it and its two parts, of sums (pixels, 2, 3)."""
+    first, count = split_pilot(pilot), pilot // REPLICATIONS
+    parts = [measure_scatter(sums[:, k], samples) for k, samples in enumerate((first, count - first))]
+    return measure_scatter(sums.sum(axis=1), count), parts
 
 
 def draw_offsets(film: Film, window: FrameWindow, seed: int) -> Floats:

@@ -15,26 +15,31 @@ s = 1 - 2 / sqrt(P) alone of the samples follows it, at most, and the rest is ev
 not forgotten.
 
 Where noise comes from rare bright paths, the pixels that have met one say nothing of those that will. Whether a pilot
-can tell is told by itself: each pixel's w, what it would get by its neighbors' v and c without its own, beside its own
-v. The sum of v / (1 - s + s w) is without bias, over pilots, what the noise will be; the share s is the one of a few
-for which that is least, and 0, all even, where not even LEAST_GAIN is promised. A promise to few pixels is as uncertain
-as they are: it counts where it is large, or where the others are promised as much.
+can tell is told by itself: of its two parts, the first and the last samples, each says what it would give to a pixel,
+w, and the other what noise v the pixel has. The sum of v / (1 - s + s w) over pixels and both parts is without bias,
+over pilots, what the noise will be; the share s is the one of a few for which that is least, and 0, all even, where not
+even LEAST_GAIN is promised.
+
+Parts of time, not of the picture: what neighbors alone can say of a pixel is nothing where noise is a pixel wide, as of
+edges in mirrors, although the pixel's own samples know it well. Where one replication is told to follow its pilot and
+the other to stay even, the half that stays even holds the gain below 2, whatever the other gains.
 
 References
 ----------
 J. Neyman, "On the Two Different Aspects of the Representative Method", 1934: stratified sampling at least variance.
-M. Stone, "Cross-Validatory Choice and Assessment of Statistical Predictions", 1974: without the pixel itself.
+M. Stone, "Cross-Validatory Choice and Assessment of Statistical Predictions", 1974: a part foretells the other.
 D. Kirk, J. Arvo, "Unbiased Sampling Techniques for Image Synthesis", SIGGRAPH 1991: the bias, and pilots.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from raytracer.arrays.types import Floats, Numbers
-from raytracer.film.error import share_with_neighbors, weigh_own
+from raytracer.film.error import share_with_neighbors
 
 # The share of all samples that the pilot takes, and the fewest and most of a pixel.
 PILOT_SHARE = 0.25
@@ -43,13 +48,10 @@ LONGEST_PILOT = 64
 # Times the average number of samples, beyond which a pixel gets no more.
 LARGEST_DENSITY = 1000.0
 # Parts of the largest share that are tried, and how many times less variance the best must promise: a sample of a list
-# of scattered pixels takes 1.0 to 1.35 times as long as one of a whole sweep, most where mirrors face each other, and
-# uneven numbers of samples lose some of what makes Sobol's even ones good (a tenth there).
+# of scattered pixels takes 1.0 to 1.1 times as long as one of a whole sweep, and uneven numbers of samples lose some of
+# what makes Sobol's even ones good (a tenth where mirrors face each other).
 PARTS_OF_SHARE = np.array([0.25, 0.5, 0.75, 1.0])
 LEAST_GAIN = 1.25
-# The same without the noisiest of so many pixels; where not, all of them must be promised as much as the last number.
-# In facing_mirrors, where 1% of the pixels hold 90% of the variance, 1.7 was promised, and came to 1.02.
-ONE_OF, QUIET_GAIN, GAIN_OF_FEW = 100, 1.2, 2.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def measure_scatter(sums: Floats, count: int) -> Scatter:
     return Scatter(variance, np.maximum(length / count, 1.0))
 
 
-def allocate(scatter: Scatter, shape: tuple[int, int], pilot: int) -> Numbers:
+def allocate(scatter: Scatter, parts: Sequence[Scatter], shape: tuple[int, int], pilot: int) -> Numbers:
     """Return (n,) how many samples pixels of the other replication get, over the average, at the cost of even ones.
 
     1 - s + s w, where w is as sqrt(v / c) and its cost, the sum of w c, is the sum of c.
@@ -95,44 +97,36 @@ def allocate(scatter: Scatter, shape: tuple[int, int], pilot: int) -> Numbers:
     Parameters
     ----------
     scatter : of one replication
+    parts : the same by its first samples alone, and by its last
     shape : (h, w) of the picture
     pilot : its sweeps, of both replications
     """
+    variance = np.concatenate([part.variance for part in parts])
+    foretold = np.concatenate([weigh_cost(part, shape) for part in parts[::-1]])
+    share = choose_share(variance, foretold, 1.0 - 2.0 / np.sqrt(pilot))
+    if not share:
+        return np.ones(len(scatter.variance))
+    return np.minimum(1.0 - share + share * weigh_cost(scatter, shape), LARGEST_DENSITY)
+
+
+def weigh_cost(scatter: Scatter, shape: tuple[int, int]) -> Numbers:
+    """Return (n,) sqrt(v / c), of what neighbors share of v and c, scaled to the cost of even samples; nan where
+    nothing is known."""
     with np.errstate(invalid="ignore", over="ignore"):
         variance, cost = (share_with_neighbors(values.reshape(shape)) for values in (scatter.variance, scatter.cost))
-        own = weigh_own(shape)
-        wanted = weigh_cost(variance, cost, scatter)
-        foretold = weigh_cost(
-            leave_out(variance, scatter.variance, own), leave_out(cost, scatter.cost, own, least=1.0), scatter
-        )
-    share = choose_share(scatter.variance, foretold, 1.0 - 2.0 / np.sqrt(pilot))
-    return np.minimum(1.0 - share + share * wanted, LARGEST_DENSITY) if share else np.ones(len(wanted))
-
-
-def weigh_cost(variance: Floats, cost: Floats, scatter: Scatter) -> Numbers:
-    """Return (n,) sqrt(v / c) of v and c (h, w), scaled to the cost of even samples; nan where nothing is known."""
-    wanted = np.sqrt(variance / cost).ravel()
-    total = float((wanted * scatter.cost).sum())  # no product: BLAS rounds it in its processor's way
+        wanted = np.sqrt(variance / cost).ravel()
+        total = float((wanted * scatter.cost).sum())  # no product: BLAS rounds it in its processor's way
     return wanted * (scatter.cost.sum() / total) if 0.0 < total < np.inf else np.full(len(wanted), np.nan)
-
-
-def leave_out(shared: Floats, values: Numbers, own: Floats, least: float = 0.0) -> Floats:
-    """Return what neighbors alone say (h, w), of `shared` with the weight `own` of each pixel's value (n,) itself.
-
-    least : below which no value is: what rounding takes away
-    """
-    others = shared - own * values.reshape(shared.shape)
-    return np.maximum(np.divide(others, 1.0 - own, out=np.full_like(others, least), where=own < 1.0), least)
 
 
 def choose_share(variance: Numbers, foretold: Numbers, largest: float) -> float:
     """Return the share s, up to the largest, for which the sum of v / (1 - s + s w) is least; 0 where little is gained.
 
-    variance, foretold : (n,) v of each pixel, and w without it
+    variance, foretold : (n,) v of each pixel, and w of samples that v knows nothing of
 
     Examples
     --------
-    >>> choose_share(np.array([1.0, 25.0]), np.array([0.4, 1.6]), 0.5)  # neighbors tell
+    >>> choose_share(np.array([1.0, 25.0]), np.array([0.4, 1.6]), 0.5)  # the others tell
     0.5
     >>> choose_share(np.array([1.0, 25.0]), np.array([1.6, 0.4]), 0.5)  # they do not
     0.0
@@ -142,11 +136,7 @@ def choose_share(variance: Numbers, foretold: Numbers, largest: float) -> float:
     shares = largest * PARTS_OF_SHARE
     gains = [foretell_gain(variance, foretold, share) for share in shares]
     best = int(np.argmax(gains))
-    few = len(variance) // ONE_OF
-    quiet = np.flatnonzero(variance <= np.partition(variance, -few - 1)[-few - 1])
-    of_quiet = foretell_gain(variance[quiet], foretold[quiet], shares[best])
-    is_worth = gains[best] > LEAST_GAIN and (of_quiet > QUIET_GAIN or gains[best] > GAIN_OF_FEW)
-    return float(shares[best]) if is_worth else 0.0
+    return float(shares[best]) if gains[best] > LEAST_GAIN else 0.0
 
 
 def foretell_gain(variance: Numbers, foretold: Numbers, share: float) -> float:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.film.error import share_with_neighbors, weigh_own
 from raytracer.film.film import PILOT, Film
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
@@ -16,7 +15,6 @@ from raytracer.rendering.allocation import (
     allocate,
     choose_pilot,
     choose_share,
-    leave_out,
     measure_scatter,
 )
 from raytracer.rendering.blocks import make_window
@@ -143,9 +141,9 @@ def test_samples_of_a_replication_follow_the_pilot_of_the_other_alone():
     densities = []
     for seen in (1.0, 5.0):
         film = Film(6, 12, ("Combined",), pilot=16, total=64)
-        film.arrays[PILOT][:] = np.random.default_rng(3).random((72, 6)) + np.array([8, 9, 8, 8, 9, 8])
-        film.arrays[PILOT][54:, [1, 4]] += 99.0  # a quarter of the picture has noise
-        film.arrays[PILOT][7, :2] = 8 * seen, 9 * seen**2
+        film.arrays[PILOT][:] = np.random.default_rng(3).random((72, 12)) + np.tile([4, 5, 4], 4)
+        film.arrays[PILOT][54:, 1::3] += 99.0  # a quarter of the picture has noise
+        film.arrays[PILOT][7, :2] = 4 * seen, 5 * seen**2
         densities.append(adaptive.decide_density(film))
         assert adaptive.AdaptivePlan(film, window, settings, 1000).pixels == 72
     assert np.array_equal(densities[0][:, 0], densities[1][:, 0])
@@ -163,10 +161,30 @@ def test_a_pixel_is_the_mean_of_its_replications_whatever_their_numbers():
     assert film.error == 2.0 / 4.0  # half of the difference of 2 and 6
 
 
+def allocate_evenly_told(scatter, shape, pilot):
+    """Return the densities where both parts of a pilot say the same as the whole."""
+    return allocate(scatter, (scatter, scatter), shape, pilot)
+
+
+def test_parts_of_a_pilot_are_its_first_samples_and_its_last():
+    """Of a pilot of 18 sweeps 4 and 5 of each replication; both together are the whole."""
+    film, values = Film(1, 1, ("Combined",), pilot=18, total=64), np.arange(18.0)
+    for sweep, value in enumerate(values):
+        seen = {"Combined": np.full((1, 4), value), "Path Length": np.full((1, 1), value + 1.0)}
+        film.add(slice(0, 1), seen, sweep % 2)
+        film.samples += 1
+    for replication in range(2):
+        own = values[replication::2]
+        whole, parts = adaptive.measure_parts(film.arrays[PILOT].reshape(1, 2, 2, 3)[:, replication], 18)
+        for scatter, part in zip((whole, *parts), (own, own[:4], own[4:]), strict=True):
+            assert scatter.variance[0] == pytest.approx(part.var(ddof=1), rel=1e-13)  # sums of 9 numbers below 400
+            assert scatter.cost[0] == pytest.approx(part.mean() + 1.0, rel=1e-15)
+
+
 def test_allocation_is_neymans_at_the_cost_of_even_samples():
     """Two halves of the picture, away from their border: n is as sqrt(v / c), half of it, and the rest is even."""
     variance, cost = np.repeat([1.0, 90.0], 32 * 16), np.repeat([4.0, 1.0], 32 * 16)
-    density = allocate(Scatter(variance, cost), (32, 32), 16)
+    density = allocate_evenly_told(Scatter(variance, cost), (32, 32), 16)
     wanted = np.sqrt(variance / cost) * cost.sum() / np.sqrt(variance * cost).sum()
     inside = np.r_[0 : 32 * 15, 32 * 17 : 32 * 32]
     np.testing.assert_allclose(density[inside], (0.5 + 0.5 * wanted)[inside], rtol=0.03)
@@ -176,22 +194,34 @@ def test_allocation_is_neymans_at_the_cost_of_even_samples():
 def test_a_patch_of_much_noise_shares_with_its_neighbors_and_takes_no_more_than_there_is():
     variance = np.zeros((400, 400))
     variance[200:202, 200:202] = 1.0
-    density = allocate(Scatter(variance.ravel(), np.ones(variance.size)), variance.shape, 64).reshape(variance.shape)
+    scatter = Scatter(variance.ravel(), np.ones(variance.size))
+    density = allocate_evenly_told(scatter, variance.shape, 64).reshape(variance.shape)
     assert density[200, 200] == LARGEST_DENSITY
     assert density[199, 199] > 1.0
     assert density[0, 0] == pytest.approx(0.25)
 
 
-def test_noise_of_which_neighbors_know_nothing_leaves_samples_even(rng):
+def test_noise_of_which_the_other_part_knows_nothing_leaves_samples_even(rng):
     """Fireflies: one pixel, or a twentieth of them anywhere. Those that have met one say nothing of the others."""
-    one = np.zeros(400)
+    one, none = np.zeros(400), np.zeros(400)
     one[210] = 1.0
-    for variance in (one, np.where(rng.random(1600) < 0.05, 100.0, 1.0)):
-        side = int(np.sqrt(variance.size))
-        assert (allocate(Scatter(variance, np.ones(variance.size)), (side, side), 16) == 1.0).all()
+    many = [np.where(rng.random(1600) < 0.05, 100.0, 1.0) for _ in range(2)]
+    for parts in ((one, none), many):
+        first, last = (Scatter(variance, np.ones(variance.size)) for variance in parts)
+        side = int(np.sqrt(first.variance.size))
+        whole = Scatter((first.variance + last.variance) / 2.0, first.cost)
+        assert (allocate(whole, (first, last), (side, side), 16) == 1.0).all()
 
 
-def test_a_share_is_chosen_by_what_neighbors_foretell_alone():
+def test_noise_that_is_a_pixel_wide_is_told_by_the_pixel_itself(rng):
+    """Edges in a mirror: neighbors alone know nothing of them, and the pixel's other samples do."""
+    variance = np.where(rng.random(1600) < 0.05, 100.0, 1.0)
+    density = allocate_evenly_told(Scatter(variance, np.ones(1600)), (40, 40), 16)
+    assert density[variance > 1].min() > 2.0 * density.min()
+    assert (variance / density).sum() < variance.sum() / 1.5
+
+
+def test_a_share_is_chosen_by_what_is_foretold():
     """Twice as much where there is 25 times the noise: the largest share. Little noise, or nothing known: none."""
     variance, told = np.array([1.0, 25.0]), np.array([0.4, 1.6])
     assert choose_share(variance, told, 0.75) == 0.75
@@ -203,44 +233,17 @@ def test_a_share_is_chosen_by_what_neighbors_foretell_alone():
     assert choose_share(variance, np.array([0.01, 1.99]), 1.0) == 0.75
 
 
-def test_a_promise_to_few_pixels_alone_must_be_large():
-    """One pixel of 200 has half of the noise: it is promised 3 times, then 50 times the samples, the others as many."""
-    variance, told = np.ones(200), np.ones(200)
-    variance[7], told[7] = 200.0, 3.0
-    assert choose_share(variance, told, 0.75) == 0.0
-    variance[7] = 2000.0
-    told[7] = 50.0
-    assert choose_share(variance, told, 0.75) == 0.75
-    told[:100], told[100:], variance[100:] = 0.4, 1.6, 25.0  # and so are all the others
-    variance[7], told[7] = 1.0, 0.4
-    assert choose_share(variance, told, 0.75) == 0.75
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (4, 3)])
-def test_what_neighbors_say_does_not_depend_on_the_pixel_itself(rng, shape):
-    values = rng.random(shape)
-    for row, column in np.ndindex(shape):
-        changed = values.copy()
-        changed[row, column] = 7.0
-        said = [
-            leave_out(share_with_neighbors(seen), seen.ravel(), weigh_own(shape), 0.5)[row, column]
-            for seen in (values, changed)
-        ]
-        assert said[0] == pytest.approx(said[1], rel=1e-14)  # a sum of nine numbers less one of them
-        assert said[0] >= 0.5
-
-
 def test_a_pilot_of_infinite_light_and_of_paths_that_are_none_leaves_samples_even():
     """Without a warning. Outside the lens of a panorama a path has no cast at all."""
     sums = np.zeros((12, 3))
     assert (measure_scatter(sums, 8).cost == 1.0).all()
     sums[5] = np.inf, np.inf, 8.0
-    assert (allocate(measure_scatter(sums, 8), (3, 4), 16) == 1.0).all()
+    assert (allocate_evenly_told(measure_scatter(sums, 8), (3, 4), 16) == 1.0).all()
 
 
 def test_without_noise_samples_are_even():
-    assert (allocate(Scatter(np.zeros(6), np.ones(6)), (2, 3), 16) == 1.0).all()
-    assert (allocate(Scatter(np.full(6, np.inf), np.ones(6)), (2, 3), 16) == 1.0).all()
+    for variance in (0.0, np.inf):
+        assert (allocate_evenly_told(Scatter(np.full(6, variance), np.ones(6)), (2, 3), 16) == 1.0).all()
 
 
 def test_a_pilot_tells_variance_and_cost(rng):
@@ -291,7 +294,8 @@ def test_adaptive_samples_are_never_much_worse_than_even_ones(name, bar):
     for seed in range(10):
         film = render(scene, 24, 16, 64, until=16, adaptive=True, seed=seed, integrator=integrator)
         densities.append(adaptive.decide_density(film))
-        scatters.append([measure_scatter(film.arrays[PILOT][:, part], 8) for part in (slice(0, 3), slice(3, 6))])
+        sums = film.arrays[PILOT].reshape(-1, 2, 2, 3).sum(axis=2)
+        scatters.append([measure_scatter(sums[:, replication], 8) for replication in range(2)])
     variances = np.array([[scatter.variance for scatter in pair] for pair in scatters]).mean(axis=1)
     even = adapted = 0.0
     for seed, density in enumerate(densities):
