@@ -283,6 +283,16 @@ def test_lists_are_cut_into_even_blocks_that_know_where_sweeps_end(size):
     assert [block.sample for block in cut] == [30 + sum(end <= start for end in ends) for start in starts[:-1]]
 
 
+def test_lists_of_whole_sweeps_fill_their_blocks(rng):
+    """All but the last have no room for another sweep, of at most 3 samples of each pixel."""
+    film, settings = Film(6, 12, ("Combined",), samples=16, pilot=16, total=64), Settings(samples=64, block_size=1000)
+    plan = adaptive.AdaptivePlan(film, make_window(SCENE, 6, 12, settings), settings, 64)
+    plan.sweeps = 64
+    counts = [len(block) for block in plan._list_blocks(2.0 * rng.random((72, 2)))]
+    assert max(counts) <= 1000
+    assert min(counts[:-1]) > 1000 - 3 * 72
+
+
 @pytest.mark.parametrize(("name", "bar"), [("room", 0.95), ("glossy", 1.5)])
 def test_adaptive_samples_are_never_much_worse_than_even_ones(name, bar):
     """The variance that 64 even samples have over that of as many adaptive ones, as the pilots of 10 seeds spread them.
