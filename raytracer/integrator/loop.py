@@ -7,7 +7,7 @@ stages run; `trace` runs them on a batch of rays, wave by wave.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +44,7 @@ from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_pa
 from raytracer.integrator.scattering import Shaded, scatter
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
 from raytracer.integrator.subsurface.subsurface import scatter_below
+from raytracer.integrator.waiting_paths import WaitingPaths
 from raytracer.sampling.sampler import Sampler, share_samples
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.shading.materials import make_shading
@@ -53,7 +54,13 @@ from raytracer.surfaces.surface import make_surface
 PART_SIZE = 1 << 16
 # Most shadow rays that are kept to be cast together; bounds the memory that many sources of light take.
 SHADOW_BATCH = 1 << 20
+# Most camera rays that set out together, which bounds the memory of a wave, and the fewest paths that go on together
+# while there are more to set out: a wave takes some 10 ms however few its paths are.
+SET_OUT = 1 << 17
+FULL_WAVE = 1 << 16
 
+# Paths that set out together, and what they have met, where that is known.
+Start = tuple[Paths, Hits | None]
 # What a ray meets on its way to its hit, in this order: stages that add to the passes and change no path. Where there
 # are media, these come first, and dim the lights themselves.
 Stage = Callable[[Integrator, PathPasses, Paths, Hits], None]
@@ -76,12 +83,9 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples, hits: Hits 
     start_catching(integrator, passes, rays)
     if integrator.glints:
         passes.near = np.zeros(len(rays))
-    paths, sampler = start_paths(rays), Sampler(samples, share_samples(samples), 0)
-    if integrator.media is not None:
-        paths = immerse_paths(integrator.media, passes, paths, is_baked=hits is not None)
-    if hits is not None:
-        paths, sampler = shade_wave(integrator, passes, paths, hits, sampler)
-    follow(integrator, passes, paths, sampler)
+    if integrator.media is not None and passes.parts is not None:
+        passes.in_medium = np.zeros(len(rays), dtype=np.bool_)
+    follow(integrator, passes, set_out(integrator, rays, hits), Sampler(samples, share_samples(samples), 0))
     finish_alpha(integrator, passes)
     finish_caught(passes)
     if passes.lengths is not None:
@@ -93,27 +97,64 @@ def trace(integrator: Integrator, rays: Rays, samples: SobolSamples, hits: Hits 
     return passes.values
 
 
-def follow(integrator: Integrator, passes: PathPasses, paths: Paths, sampler: Sampler) -> None:
-    """Follow paths wave by wave until all have ended."""
-    while len(paths):
-        if passes.lengths is not None:
-            passes.lengths[paths.row] += 1.0
-        hits = integrator.cast(paths.rays, classify_rays(paths.kind))
-        stages, scattered = ALONG_RAYS, []
-        if integrator.media is not None and integrator.needs_light:
-            crossed = cross_media(integrator, passes, paths, hits, sampler)
-            add_direct_light(integrator, passes, crossed.shadow_rays, first=False)
-            paths, hits, scattered, stages = crossed.paths, crossed.hits, crossed.scattered, BEHIND_MEDIA
-        for stage in stages:
-            stage(integrator, passes, paths, hits)
-        met = np.flatnonzero(hits.hit)
-        if len(met) < len(paths):
-            paths, hits = paths.select(met), hits.select(met)
-        paths, hits = cut_holes(integrator, passes, paths, hits)
-        follow_split(integrator, passes, paths, hits, sampler)
-        paths, sampler = shade_wave(integrator, passes, paths, hits, sampler)
-        if scattered:
-            paths = join_paths([paths, *scattered])
+def set_out(integrator: Integrator, rays: Rays, hits: Hits | None) -> Iterator[Start]:
+    """Yield the paths that begin with camera rays, in even parts of at most SET_OUT."""
+    size = -(-len(rays) // max(1, -(-len(rays) // SET_OUT)))
+    for start in range(0, len(rays), max(1, size)):
+        part = slice(start, start + size)
+        paths = start_paths(rays.select(part), start)
+        if integrator.media is not None:
+            paths = immerse_paths(integrator.media, paths, is_baked=hits is not None)
+        yield paths, None if hits is None else hits.select(part)
+
+
+def follow(integrator: Integrator, passes: PathPasses, starts: Iterable[Start], sampler: Sampler) -> None:
+    """Follow paths wave by wave until all have ended.
+
+    Those of a small wave wait for what of the later starts comes as far. What a path sees does not depend on company.
+    """
+    waves = [WaitingPaths(sampler)]
+
+    def go_on(number: int, paths: Paths, hits: Hits | None = None) -> None:
+        paths, following = trace_wave(integrator, passes, paths, hits, waves[number].sampler)
+        if number + 1 == len(waves):
+            waves.append(WaitingPaths(following))
+        waves[number + 1].add(paths)
+
+    for start in starts:
+        go_on(0, *start)
+        for number, wave in enumerate(waves):  # paths that go on may begin another one
+            if len(wave) >= FULL_WAVE:
+                go_on(number, wave.take())
+    for number, wave in enumerate(waves):
+        if len(wave):
+            go_on(number, wave.take())
+
+
+def trace_wave(
+    integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits | None, sampler: Sampler
+) -> tuple[Paths, Sampler]:
+    """Cast the rays of a wave, where what they `hits` is not known, add what they met on their way, and shade the hits;
+    return the paths that go on, and the sampler of their wave."""
+    if hits is not None:
+        return shade_wave(integrator, passes, paths, hits, sampler)
+    if passes.lengths is not None:
+        passes.lengths[paths.row] += 1.0
+    hits = integrator.cast(paths.rays, classify_rays(paths.kind))
+    stages, scattered = ALONG_RAYS, []
+    if integrator.media is not None and integrator.needs_light:
+        crossed = cross_media(integrator, passes, paths, hits, sampler)
+        add_direct_light(integrator, passes, crossed.shadow_rays, first=False)
+        paths, hits, scattered, stages = crossed.paths, crossed.hits, crossed.scattered, BEHIND_MEDIA
+    for stage in stages:
+        stage(integrator, passes, paths, hits)
+    met = np.flatnonzero(hits.hit)
+    if len(met) < len(paths):
+        paths, hits = paths.select(met), hits.select(met)
+    paths, hits = cut_holes(integrator, passes, paths, hits)
+    follow_split(integrator, passes, paths, hits, sampler)
+    paths, sampler = shade_wave(integrator, passes, paths, hits, sampler)
+    return join_paths([paths, *scattered]) if scattered else paths, sampler
 
 
 def follow_split(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, sampler: Sampler) -> None:
@@ -127,7 +168,7 @@ def follow_split(integrator: Integrator, passes: PathPasses, paths: Paths, hits:
     if paths.media is not None:
         assert integrator.is_catcher is not None
         paths = leave_media(catchers_only.media, paths, integrator.is_catcher)
-    follow(catchers_only, seen, *shade_wave(catchers_only, seen, paths, hits, sampler))
+    follow(catchers_only, seen, [(paths, hits)], sampler)
 
 
 def shade_wave(

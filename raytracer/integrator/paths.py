@@ -142,11 +142,11 @@ def join_paths(parts: Sequence[Paths]) -> Paths:
     return Paths(rays=rays, media=media, portals=portals, received=received, **joined)
 
 
-def start_paths(rays: Rays) -> Paths:
-    """Return the paths that begin with camera rays."""
+def start_paths(rays: Rays, first: int = 0) -> Paths:
+    """Return the paths that begin with camera rays, those of the batch's rows from `first` on."""
     count = len(rays)
     return Paths(
-        row=np.arange(count),
+        row=np.arange(first, first + count),
         rays=rays,
         throughput=np.ones((3, count)).T,
         kind=np.full(count, STRAIGHT, dtype=np.uint8),

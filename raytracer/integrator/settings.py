@@ -109,7 +109,7 @@ class Settings:
     transparent: bool = False
     pixel_filter: str = "blackman_harris"
     filter_width: float | None = None
-    block_size: int = 1 << 18
+    block_size: int = 1 << 19
     border: Border | None = None
     tile: tuple[int, int] | None = None
     interleaving: int | None = None

@@ -23,7 +23,7 @@ from raytracer.casting.layers import iterate_layers
 from raytracer.casting.ray_visibility import SceneCaster
 from raytracer.casting.rays import Hits, Rays, make_rays
 from raytracer.casting.subset_caster import take_part
-from raytracer.integrator.paths import PathPasses, Paths
+from raytracer.integrator.paths import Paths
 from raytracer.media.majorants import Majorants, make_majorants
 from raytracer.media.mixtures import Mixture
 from raytracer.media.stack import NOTHING, MediaStack, start_outside
@@ -178,13 +178,11 @@ def start_inside(media: SceneMedia, rays: Rays) -> MediaStack:
     return MediaStack(stack.index, inside)
 
 
-def immerse_paths(media: SceneMedia, passes: PathPasses, paths: Paths, is_baked: bool) -> Paths:
-    """Return camera paths with what they start inside of, and note that media may scatter them.
+def immerse_paths(media: SceneMedia, paths: Paths, is_baked: bool) -> Paths:
+    """Return camera paths with what they start inside of.
 
     is_baked : True for paths that start at surfaces, outside of all objects
     """
-    if passes.parts is not None:
-        passes.in_medium = np.zeros(len(paths), dtype=np.bool_)
     stack = start_outside(media.table.index, len(paths)) if is_baked else start_inside(media, paths.rays)
     return replace(paths, media=stack)
 

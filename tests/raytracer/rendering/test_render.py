@@ -293,8 +293,8 @@ def test_plan_covers_every_pixel_of_every_pass_once():
 
 
 def test_plan_fits_blocks_to_the_time_they_take():
-    """At 5 microseconds per ray, a second is 200000 rays; at 1 microsecond the largest block is less."""
-    for microseconds, size in ((5, 200_000), (1, 524_288), (1000, 131_072)):
+    """At 10 microseconds per ray, two seconds are 200000 rays; at 2 microseconds the largest block is less."""
+    for microseconds, size in ((10, 200_000), (2, 524_288), (1000, 131_072)):
         plan = BlockPlan(pixels=10**7, sweeps=1, largest=2**19)
         blocks = []
         for block in plan:
