@@ -13,7 +13,7 @@ from raytracer.scene.programs import Program, Register, Step
 from raytracer.shading.displacement import Displacement, displace
 from raytracer.subdivision.diced import Base, dice_mesh
 from raytracer.subdivision.pixel_size import View, is_longer, is_wider
-from tests.raytracer.subdivision.shapes import CAGES, GRID, GRID_FACES, make_cage, make_grid
+from tests.raytracer.subdivision.shapes import CAGES, GRID, GRID_FACES, make_cage, make_grid, make_prism
 
 MOST = 1 << 20
 NEAR = np.array([(1.0, 0, 0, 0.3), (0, 1, 0, 0.2), (0, 0, 1, 1.6), (0, 0, 0, 1)])
@@ -185,3 +185,15 @@ def test_a_displaced_plane_is_the_height_field_within_the_bound_of_its_dice():
     bound = amplitude * k * k * size * size / 6.0
     assert error.max() <= bound
     assert error.max() > bound / 10.0
+
+
+def test_numbers_of_polygons_are_kept_to_the_last_bit():
+    """Programs make random numbers of them: those of a mean of 49 equal numbers may be others."""
+    faces, values = make_prism(49)
+    cage = make_cage(faces, len(values))
+    number = np.random.default_rng(3).random(len(cage.polygons.start) - 1)
+    corners = cut_polygons(cage)
+    attributes = {"number": np.repeat(number[cage.polygons.face[corners[:, 0]]], 3).reshape(-1, 3, 1)}
+    found = dice_cage(cage, values, partial(is_longer, 0.1), attributes=attributes)
+    of_triangles = np.broadcast_to(number[found.polygons, np.newaxis, np.newaxis], (len(found.polygons), 3, 1))
+    np.testing.assert_array_equal(found.mesh.attributes["number"], of_triangles)

@@ -93,3 +93,13 @@ def test_a_cube_becomes_what_it_must():
     found = evaluate_limit(make_limit(cage, CUBE), np.arange(24), np.ones((24, 2))).values
     # Face point 1, edge points 3/4 (two) of the face, vertex points 5/9: (16 * 1 + 4 * 4 * 3/4 + 4 * 5/9) / 36.
     np.testing.assert_allclose(np.abs(found).max(axis=1), (16 + 12 + 20 / 9) / 36, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(("sharpness", "expected"), [(1.0, 0.75), (2.0, 0.875)])
+def test_a_crease_lasts_as_many_refinements_as_it_is_sharp(sharpness, expected):
+    """A cube whose edges are all sharp stays a cube for so long; then its corner v, of the edges' next points e and the
+    opposite ones f, tends to (9 v + 4 sum(e) + sum(f)) / 24: 18 / 24 and 21 / 24."""
+    edges = [(0, 1), (1, 3), (3, 2), (2, 0), (4, 5), (5, 7), (7, 6), (6, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+    cage = make_cage(CUBE_FACES, 8, [(*edge, sharpness) for edge in edges])
+    found = evaluate_limit(make_limit(cage, CUBE), np.arange(24), np.zeros((24, 2))).values
+    np.testing.assert_allclose(np.abs(found), expected, atol=ROUNDING)

@@ -78,3 +78,11 @@ def test_of_many_instances_the_nearest_are_asked():
     places[:, :3, 3] = in_world(depth[:, np.newaxis] * (0, 0, -1.0))
     found = choose_instances(view, places, np.zeros((1, 3)))
     np.testing.assert_array_equal(found, places[depth <= MOST_INSTANCES])
+
+
+def test_an_edge_that_passes_the_camera_is_measured_in_its_middle():
+    """10 m long, 1 m before the camera: 5000 pixels of its middle, but 980 of its ends."""
+    view = View(Camera(np.eye(4)), WIDTH, HEIGHT)
+    ends = np.array([(-5.0, 0, -1)]), np.array([(5.0, 0, -1)])
+    assert is_wider(view, np.eye(4)[np.newaxis], 4990.0, *ends).all()
+    assert not is_wider(view, np.eye(4)[np.newaxis], 5010.0, *ends).any()
