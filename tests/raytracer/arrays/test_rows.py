@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from raytracer.arrays.rows import (
+    MANY_ROWS,
     add_rows,
     all_columns,
     any_column,
@@ -11,6 +12,7 @@ from raytracer.arrays.rows import (
     join_columns,
     largest_column,
     lay_columns,
+    lay_rows,
     make_zeros,
     mean_column,
     pick_columns,
@@ -101,3 +103,12 @@ def test_picked_columns_are_numpys(rng, lay):
 
 def test_sign_of_a_mask():
     np.testing.assert_array_equal(find_sign(np.array([True, False])), [1.0, -1.0])
+
+
+@pytest.mark.parametrize("count", [0, 3, MANY_ROWS - 1, MANY_ROWS, MANY_ROWS + 1])
+@pytest.mark.parametrize("lay", [lay_columns, np.ascontiguousarray, lambda values: values[::2, ::-1]])
+def test_lay_rows_keeps_every_value(rng, count, lay):
+    values = lay(rng.normal(size=(count, 3)))
+    rows = lay_rows(values)
+    assert rows.flags.c_contiguous
+    np.testing.assert_array_equal(rows, values)
