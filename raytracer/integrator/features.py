@@ -202,8 +202,13 @@ def derive_features(scene: Scene) -> Features:
         bevels=any(casts_rays(material.program, (BEVEL,)) for material in scene.materials),
         light_nodes=any(light.nodes is not None for light in scene.lights),
         light_bounces=any(light.max_bounces is not None for light in (*scene.lights, *filter(None, [scene.world]))),
-        media=any(map(has_medium, scene.materials)) or (scene.world is not None and has_medium(scene.world)),
+        media=has_media(scene),
         caustics=any(light.caustics for light in scene.lights)
         and _is_any_instance(scene, "caustics_caster")
         and _is_any_instance(scene, "caustics_receiver"),
     )
+
+
+def has_media(scene: Scene) -> bool:
+    """True where a material or the world has a volume."""
+    return any(map(has_medium, scene.materials)) or (scene.world is not None and has_medium(scene.world))

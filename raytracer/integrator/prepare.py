@@ -60,6 +60,7 @@ from raytracer.lights.light_linking import LightLinks, ShadowLinks
 from raytracer.lights.light_nodes import ComputedLight, make_computed_lights
 from raytracer.lights.lights import has_extent
 from raytracer.lights.sky_aovs import make_sky_aovs
+from raytracer.media.majorants import Majorants
 from raytracer.sampling.dimensions import allocate_dimensions
 from raytracer.scene.fields import ALL_SETS, SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.lights import Light
@@ -89,6 +90,7 @@ def prepare(
     take_part: Callable[[Booleans], RayCaster] | None = None,
     aims_at_all: bool = False,
     background: Environment | None = None,
+    majorants: Majorants | None = None,
 ) -> Integrator:
     """Compose the stages that `scene` needs for the passes in `settings`.
 
@@ -96,6 +98,7 @@ def prepare(
     take_part : returns the caster of some instances and groups of spheres; None: a SubsetCaster
     aims_at_all : True for a source for each light, however many there are
     background : the same world's at another moment, whose map of brightness is taken; None makes one
+    majorants : of the media at another moment; None looks at them
     """
     features = derive_features(scene)
     needs_light = asks_for_light(settings)
@@ -122,7 +125,7 @@ def prepare(
     if features.light_nodes and needs_light:
         computed = make_computed_lights(scene.lights, scene.camera, resolution)
     told_apart = list_told_apart(apart, features, background, scene.lights)
-    media = make_scene_media(scene, caster, tables, resolution) if features.media else None
+    media = make_scene_media(scene, caster, tables, resolution, majorants) if features.media else None
     given = (scene, settings, features, tables, materials, background, terminator, computed, seen_by, told_apart, media)
     compose = partial(_compose, *given, aims_at_all)
     whole = compose(caster)

@@ -8,7 +8,7 @@ such a bound decides on noise alone.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,8 @@ class Majorants:
     varies : (media,) bool
     cells : (media, 3) int64, of the grids of those that vary
     first : (media,) int64, of their values among `values`
-    grid_from_world : (media, 4, 4) float64, from world space to numbers of cells
+    grid_from_box, grid_from_world : (media, 4, 4) float64, from each medium's own space and from world space to numbers
+        of cells
     values : (cells of all,) float64, per metre
     """
 
@@ -53,6 +54,7 @@ class Majorants:
     varies: Booleans
     cells: NDArray[np.int64]
     first: NDArray[np.int64]
+    grid_from_box: Floats
     grid_from_world: Floats
     values: Floats
 
@@ -66,20 +68,33 @@ def make_majorants(
     """
     count = len(even)
     cells, first = np.ones((count, 3), np.int64), np.zeros(count, np.int64)
-    grid_from_world, values = np.zeros((count, 4, 4)), [np.zeros(1)]
+    grid_from_box, values = np.zeros((count, 4, 4)), [np.zeros(1)]
     found = np.flatnonzero(varies)
     most = max(LEAST_CELLS, int(CELLS * min(1.0, MANY / max(len(found), 1)) ** (1 / 3)))
     for medium in found:
         low, high = boxes[medium]
         cells[medium] = _choose_cells(world_from_box[medium], high - low, most)
         size = np.where(high > low, high - low, 1.0)
-        scale = np.eye(4)
-        scale[:3, :3] = np.diag(cells[medium] / size)
-        scale[:3, 3] = -low * cells[medium] / size
-        grid_from_world[medium] = _combine(scale, np.linalg.inv(world_from_box[medium]))
+        grid_from_box[medium] = np.eye(4)
+        grid_from_box[medium, :3, :3] = np.diag(cells[medium] / size)
+        grid_from_box[medium, :3, 3] = -low * cells[medium] / size
         first[medium] = sum(map(len, values))
         values.append(_look(int(medium), cells[medium], low, high, world_from_box[medium], evaluate))
-    return Majorants(even, varies, cells, first, grid_from_world, np.concatenate(values))
+    grids = _place_grids(varies, grid_from_box, world_from_box)
+    return Majorants(even, varies, cells, first, grid_from_box, grids, np.concatenate(values))
+
+
+def place_majorants(majorants: Majorants, world_from_box: Floats) -> Majorants:
+    """Return the bounds of media that have moved: their grids go with them, and nothing is looked at anew."""
+    grids = _place_grids(majorants.varies, majorants.grid_from_box, world_from_box)
+    return replace(majorants, grid_from_world=grids)
+
+
+def _place_grids(varies: Booleans, grid_from_box: Floats, world_from_box: Floats) -> Floats:
+    grids = np.zeros_like(grid_from_box)
+    for medium in np.flatnonzero(varies):
+        grids[medium] = _combine(grid_from_box[medium], np.linalg.inv(world_from_box[medium]))
+    return grids
 
 
 def _combine(second: Floats, first: Floats) -> Floats:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any, ClassVar, cast
+from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from raytracer.integrator.prepare import prepare
 from raytracer.integrator.settings import WORD_LIMIT, Settings, check_integer
 from raytracer.lights.environment import Environment
 from raytracer.lights.shared_points import choose_interleaving
+from raytracer.media.majorants import Majorants
 from raytracer.processes.dropping import is_dropped
 from raytracer.processes.pool import Pool
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
@@ -191,6 +192,17 @@ def trace_blocks(
         yield result
 
 
+class SharedParts(NamedTuple):
+    """What is costly to make and decides on noise alone, so that one moment of a scene will do for others.
+
+    background : None where the world is black, or no pass needs it
+    majorants : None where there are no media
+    """
+
+    background: Environment | None = None
+    majorants: Majorants | None = None
+
+
 class BlockTracer:
     """Traces blocks; each worker makes one."""
 
@@ -201,12 +213,12 @@ class BlockTracer:
         window: FrameWindow,
         settings: Settings,
         is_cancelled: Callable[[], bool] = _never,
-        background: Environment | None = None,
+        shared: SharedParts | None = None,
     ) -> None:
-        """Compose the stages; `background` as of `prepare`."""
+        """Compose the stages; `shared` of another moment of the same scene."""
         self._window = window
         self._settings = settings
-        self._shared: dict[str, Any] = {} if background is None else {"background": background}
+        self._shared = shared or SharedParts()
         self._resolution = (window.full_width, window.full_height)
         self._caster = WatchedCaster(caster, is_cancelled)
         self._integrator = self._prepare(scene, from_centre=False)
@@ -218,12 +230,16 @@ class BlockTracer:
         settings = replace(self._settings, passes=names, error=None) if names else None
         if settings is None:
             return None
-        return prepare(scene, self._caster, settings, self._resolution, self._caster.take_part, **self._shared)
+        given = (scene, self._caster, settings, self._resolution, self._caster.take_part)
+        return prepare(*given, background=self._shared.background, majorants=self._shared.majorants)
 
     @property
-    def background(self) -> Environment | None:
-        """The world that the stages see; None where it is black, or no pass needs it."""
-        return self._integrator.background if self._integrator else None
+    def shared(self) -> SharedParts:
+        """What the stages at other moments may take over."""
+        if self._integrator is None:
+            return SharedParts()
+        media = self._integrator.media
+        return SharedParts(self._integrator.background, None if media is None else media.majorants)
 
     def __call__(self, block: Block | ListedBlock) -> BlockResult:
         """Trace one block; raises CancelledError if the user did so meanwhile."""

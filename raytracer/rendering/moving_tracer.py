@@ -17,14 +17,15 @@ from raytracer.arrays.types import Floats, Indices
 from raytracer.casting.caster import Caster, build
 from raytracer.film.passes import find_pass
 from raytracer.film.shutter import choose_side, find_middle, sample_times
+from raytracer.integrator.features import has_media
 from raytracer.integrator.settings import Settings
-from raytracer.lights.environment import Environment
 from raytracer.rendering.blocks import (
     Block,
     BlockResult,
     BlockTracer,
     FrameWindow,
     ListedBlock,
+    SharedParts,
     _never,
     add_to_strip,
     number_pixels,
@@ -76,9 +77,9 @@ class MovingTracer:
         self._like: Caster | None = None
         self._most = max(1, KEPT_PRIMITIVES // max(1, primitives))
         # Of the middle of the time, whichever comes first: workers begin with different ones.
-        self._background: Environment | None = None
-        if scene.world is not None and scene.world.program is not None:
-            self._background = BlockTracer(scene, caster, window, settings, is_cancelled).background
+        self._shared = SharedParts()
+        if (scene.world is not None and scene.world.program is not None) or has_media(scene):
+            self._shared = BlockTracer(scene, caster, window, settings, is_cancelled).shared
 
     def __call__(self, block: Block | ListedBlock) -> BlockResult:
         """Trace one block; raises CancelledError if the user did so meanwhile."""
@@ -135,7 +136,7 @@ class MovingTracer:
             self._like = self._like or caster
         assert scene.camera is not None
         window = replace(self._window, camera=scene.camera)
-        return BlockTracer(scene, caster, window, settings, self._is_cancelled, self._background)
+        return BlockTracer(scene, caster, window, settings, self._is_cancelled, self._shared)
 
 
 def _select(settings: Settings, from_centre: bool) -> Settings | None:

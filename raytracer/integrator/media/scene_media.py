@@ -24,7 +24,7 @@ from raytracer.casting.ray_visibility import SceneCaster
 from raytracer.casting.rays import Hits, Rays, make_rays
 from raytracer.casting.subset_caster import take_part
 from raytracer.integrator.paths import Paths
-from raytracer.media.majorants import Majorants, make_majorants
+from raytracer.media.majorants import Majorants, make_majorants, place_majorants
 from raytracer.media.mixtures import Mixture
 from raytracer.media.stack import NOTHING, MediaStack, start_outside
 from raytracer.media.tracking import SumMedia
@@ -88,17 +88,27 @@ class SceneMedia:
 
 
 def make_scene_media(
-    scene: Scene, caster: SceneCaster, tables: SurfaceTables, resolution: tuple[int, int] | None
+    scene: Scene,
+    caster: SceneCaster,
+    tables: SurfaceTables,
+    resolution: tuple[int, int] | None,
+    majorants: Majorants | None = None,
 ) -> SceneMedia:
-    """Return the media of a scene that has any; resolution : of the full picture, pixels."""
+    """Return the media of a scene that has any.
+
+    resolution : of the full picture, pixels
+    majorants : of the same media at another moment; None looks at them
+    """
     table = make_media_table(scene, tables, resolution)
     present = np.zeros(scene.instance_count + len(scene.groups), dtype=np.bool_)
     present[table.instance[:-2]] = True
     middle, reach = _measure_scene(scene, table)
     boxes, matrices = _list_boxes(scene, table, middle, reach)
-    majorants = make_majorants(
-        largest_column(table.constant.extinction), table.varies, boxes, matrices, partial(evaluate_media, table)
-    )
+    if majorants is not None:
+        majorants = place_majorants(majorants, matrices)
+    else:
+        even = largest_column(table.constant.extinction)
+        majorants = make_majorants(even, table.varies, boxes, matrices, partial(evaluate_media, table))
     closed = np.append(list_closed(scene)[table.instance[:-2]], (False, False))
     part = build(take_part(scene, present), caster.primitives.precision) if present.any() else None
     number = np.flatnonzero(present).astype(np.int32)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from raytracer.media.majorants import SPARE, Majorants, find_local, make_majorants
+from raytracer.media.majorants import SPARE, Majorants, find_local, make_majorants, place_majorants
 from raytracer.media.mixtures import Mixture, make_nothing
 from raytracer.media.tracking import Stretches, track
 from raytracer.sampling.streams import draw, start_noise
@@ -71,6 +72,23 @@ def test_a_bound_holds_until_the_next_cell(matrix: Any) -> None:
     assert others <= 5
 
 
+def test_bounds_go_with_what_moves() -> None:
+    """A medium that varies in its own space has the same bounds wherever it is."""
+    moved = place_majorants(make_peak(), SHEARED)
+
+    def evaluate(medium: Any, position: Any) -> Mixture:
+        return peak(medium, (position - SHEARED[0, :3, 3]) @ np.linalg.inv(SHEARED[0, :3, :3]).T)
+
+    rng = np.random.default_rng(3)
+    local = rng.uniform(-1, 1, (5000, 3))
+    points = local @ SHEARED[0, :3, :3].T + SHEARED[0, :3, 3]
+    inside, along = np.zeros((5000, 1), np.int32), np.tile((0.0, 0.0, 1.0), (5000, 1))
+    rate, _ = find_local(moved, inside, points, along, np.zeros(5000))
+    assert (rate >= evaluate(None, points).extinction.max(axis=1)).all()
+    still, _ = find_local(make_peak(), inside, local, along, np.zeros(5000))
+    assert np.mean(rate == still) > 0.999  # but where rounding decides in which cell a point is
+
+
 def make_stretches(count: int, seed: int) -> Stretches:
     rng = np.random.default_rng(seed)
     direction = np.tile((0.6, 0.8, 0.0), (count, 1))
@@ -96,10 +114,7 @@ BOUNDS = {"cells": 1.0, "high": 3.0, "too low": 0.5}
 @pytest.mark.parametrize("name", BOUNDS)
 def test_means_are_those_of_quadrature_whatever_the_bound(name: str) -> None:
     majorants = make_peak()
-    majorants = Majorants(
-        majorants.even, majorants.varies, majorants.cells, majorants.first, majorants.grid_from_world,
-        BOUNDS[name] * majorants.values,
-    )  # fmt: skip
+    majorants = replace(majorants, values=BOUNDS[name] * majorants.values)
     count = 1 << 15
     through, scattered, shining = integrate()
     for scatters in (True, False):

@@ -11,12 +11,14 @@ import pytest
 import raytracer
 from raytracer.casting.dense import tree as dense_tree
 from raytracer.film.shutter import sample_times
+from raytracer.integrator.media import scene_media
 from raytracer.lights import environment
 from raytracer.rendering.render import render
 from raytracer.scene.moments import find_moment
 from raytracer.scene.programs import Program, Register, Step
 from tests import meshes
 from tests.forbidding import forbid
+from tests.raytracer.integrator.media_scenes import DENSITY, RISING, fill, make_box
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
 
 WHITE = raytracer.Material((raytracer.Closure("emission", color=1.0),))
@@ -278,6 +280,19 @@ def test_a_map_of_the_world_is_made_once_and_of_the_middle(monkeypatch):
     assert len(made) == 1
     assert same(first, render(scene, 12, 6, 2, block_size=5))
     assert np.array_equal(made[0], made[1])
+
+
+def test_bounds_of_media_are_looked_for_once_and_in_the_middle(monkeypatch):
+    """They decide on noise alone, and take longer than a moment's samples do."""
+    made = []
+    make = scene_media.make_majorants
+    monkeypatch.setattr(scene_media, "make_majorants", lambda *given: made.append(make(*given)) or made[-1])
+    smoke = fill(raytracer.VolumeClosure("absorption", density=DENSITY), program=RISING)
+    moving = make_scene(make_box(1.0), move((-0.5, 0, 0), (0, 0, 0), (0.5, 0, 0)), camera=look(scale=4.0))
+    scene = replace(moving, materials=[smoke], world=raytracer.World(1.0))
+    first = render(scene, 12, 6, 2)
+    assert len(made) == 1
+    assert same(first, render(scene, 12, 6, 2, block_size=5))
 
 
 def make_shaded_world():
