@@ -1,7 +1,7 @@
 """Adaptive subdivision: how finely the scene cuts, and what objects ask for.
 
 The settings of scenes are Cycles' own. Those of modifiers are Blender's, whose panel shows them to Cycles alone; so
-they have a panel among the object's.
+they have a panel below the modifiers.
 """
 
 # ruff: noqa: N801, RUF012  (Blender prescribes the form of class names and attributes)
@@ -39,7 +39,7 @@ class RAYTRACER_OBJECT_PT_subdivision(EnginePanel, bpy.types.Panel):
     """Whether and how finely an object's last modifier subdivides adaptively."""
 
     bl_label = "Adaptive Subdivision"
-    bl_context = "object"
+    bl_context = "modifier"
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
