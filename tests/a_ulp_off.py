@@ -1,9 +1,9 @@
 """Hits as another libm and another BLAS would give them: `python -m tests.a_ulp_off [libm] [blas] [linalg]`.
 
 Prints hashes of what rays hit in random scenes, and how many results were moved. With "libm" every result of exp, log,
-pow, sin and their like is moved by an ulp, up or down; with "blas" every result of a matrix product, and with
-"linalg" of NumPy's linear algebra. Additions, products, quotients and square roots are left alone: IEEE 754 says what
-they are on every machine. A process of its own: modules are changed as they are read.
+pow, sin and their like is moved by an ulp, up or down; with "blas" every result of a matrix product, and with "linalg"
+of NumPy's linear algebra. Additions, products, quotients and square roots are left alone: IEEE 754 says what they are
+on every machine. A process of its own: modules are changed as they are read.
 """
 
 from __future__ import annotations

@@ -51,16 +51,23 @@ class MatrixForm:
     @np.errstate(all="ignore")
     def __call__(self, query: Query) -> None:
         """Offer a query all primitives that its rays may hit."""
-        # Spheres first: a triangle that is certainly hit may be settled if nothing else is left then.
+        # A triangle that is certainly hit may be settled if no sphere is left. In plain precisions nothing is certain
+        # of spheres: what lies behind them still counts.
+        steps = [self._offer_spheres, self._offer_triangles]
+        for step in steps if query.certified else reversed(steps):
+            step(query)
+
+    def _offer_spheres(self, query: Query) -> None:
+        """Offer all spheres to all rays."""
         size = OFFER_PAIRS // max(1, len(self.sphere_ids))
         for start in range(0, len(query.rays) if len(self.sphere_ids) else 0, size):
             ray = np.arange(start, min(start + size, len(query.rays)))
             query.offer(np.repeat(ray, len(self.sphere_ids)), np.tile(self.sphere_ids, len(ray)))
-        if self.edges.size:
-            self._offer_triangles(query)
 
     def _offer_triangles(self, query: Query) -> None:
         """Have the pairs of rays and triangles that may be hits decided."""
+        if not self.edges.size:
+            return
         size = max(256, BLOCK_VALUES // self.edges.shape[1] // 64 * 64)
         decisions = PlaneDecisions(query, self.planes)
         for start in range(0, len(query.rays), size):

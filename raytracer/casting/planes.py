@@ -313,13 +313,14 @@ class PlaneDecisions:
         return changed
 
     def finish(self) -> None:
-        """Settle certain candidates that are their rays' only ones, also among what was offered, and offer the rest."""
+        """Settle certain candidates that are their rays' only ones, also among what was offered, and offer the rest: in
+        plain precisions all, where there are spheres."""
         if not self.pool:
             return
         left = Measured(*(np.concatenate(column) for column in zip(*self.pool, strict=True)))
         if self.query.narrows:
             left = left.select(np.flatnonzero(~(left.low > self.best.take(left.ray))))
-        if not self.query.any_hit:
+        if not self.query.any_hit and (self.query.certified or self.unit is None):
             count = np.bincount(left.ray, minlength=len(self.best))
             for offered in self.query.pool:
                 count[offered.ray] += 1
