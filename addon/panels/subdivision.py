@@ -1,7 +1,7 @@
 """Adaptive subdivision: how finely the scene cuts, and what objects ask for.
 
 The settings of scenes are Cycles' own. Those of modifiers are Blender's, whose panel shows them to Cycles alone; so
-they have a panel below the modifiers.
+they have a panel above the modifiers.
 """
 
 # ruff: noqa: N801, RUF012  (Blender prescribes the form of class names and attributes)
