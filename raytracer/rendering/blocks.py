@@ -218,7 +218,7 @@ class BlockTracer:
         """Compose the stages; `shared` of another moment of the same scene."""
         self._window = window
         self._settings = settings
-        self._shared = shared or SharedParts()
+        self._shared = {} if shared is None else {k: part for k, part in shared._asdict().items() if part is not None}
         self._resolution = (window.full_width, window.full_height)
         self._caster = WatchedCaster(caster, is_cancelled)
         self._integrator = self._prepare(scene, from_centre=False)
@@ -230,8 +230,7 @@ class BlockTracer:
         settings = replace(self._settings, passes=names, error=None) if names else None
         if settings is None:
             return None
-        given = (scene, self._caster, settings, self._resolution, self._caster.take_part)
-        return prepare(*given, background=self._shared.background, majorants=self._shared.majorants)
+        return prepare(scene, self._caster, settings, self._resolution, self._caster.take_part, **self._shared)
 
     @property
     def shared(self) -> SharedParts:
