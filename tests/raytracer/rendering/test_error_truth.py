@@ -73,7 +73,7 @@ def test_intervals_hold_the_error_of_a_scene_without_fireflies():
 
 
 MISSED = pytest.mark.xfail(
-    reason="seed 4 has met no bulb, and small emitters that are seen straight leave no near misses"
+    strict=True, reason="seed 4 has met no bulb, and small emitters that are seen straight leave no near misses"
 )
 
 
