@@ -164,6 +164,8 @@ def transform_points(matrix: Floats, points: Floats) -> Floats:
 
 def split_id(geometry: Geometry, primitive_id: Ids) -> tuple[Integers, Integers]:
     """Return (instance, primitive), both (n,) int32, of primitive ids; groups follow the instances."""
+    if len(geometry.first_id) == 2:
+        return np.zeros(len(primitive_id), np.int32), primitive_id.astype(np.int32)
     instance = np.searchsorted(geometry.first_id, primitive_id, side="right") - 1
     return instance.astype(np.int32), (primitive_id - geometry.first_id[instance]).astype(np.int32)
 

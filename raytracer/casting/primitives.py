@@ -126,6 +126,13 @@ def gather_corners(primitives: Primitives, primitive_id: Ids, turn: Sequence[int
     return planes
 
 
+def find_corners(primitives: Primitives, primitive_id: Ids) -> tuple[NDArray, Ids]:
+    """Return numbers, of which each nine are world corners a, b, c, and which nines are those of triangle ids (k,)."""
+    if primitives.flattened.all():
+        return primitives.corners.reshape(-1), primitive_id
+    return _gather_rows(primitives, primitive_id).reshape(-1), np.arange(len(primitive_id))
+
+
 def _gather_rows(primitives: Primitives, primitive_id: Ids) -> NDArray:
     """(k, 9) world corners of triangle ids."""
     if primitives.flattened.all():
