@@ -1,7 +1,8 @@
 """A batch of rays on its way through the tree, all at once, level by level.
 
-Each ray's nearest child of the root goes first, down to its triangles, and what is hit there culls the rest. Candidates
-and what is certain about them go to `planes`, which decides.
+Each ray's nearest child of the root goes first, down to its triangles, and what is hit there culls the rest: unless
+any hit will do and few rays have one, as some that are tried tell. Candidates and what is certain about them go to
+`planes`, which decides.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ from raytracer.casting.planes import PlaneDecisions
 LARGE_ROUND = 12
 # Rays that go everywhere at once.
 FEW_RAYS = 1024
+# Of so many rays or more, of which any hit will do, so many are tried first. Where less than this share is stopped, the
+# others go everywhere at once, too: 1.08 to 1.13 times as fast where 0 to 7% are, 0.4 to 0.8 times where half are.
+MANY_RAYS, TRIED_RAYS, HIT_SHARE = 1 << 15, 256, 0.15
 Levels = list[NDArray[np.float32]]
 # What rays meet in blocks, from the blocks (p,) and the rays (p, l) of packets: places in (p, k, l), and whether they
 # certainly do.
@@ -107,6 +111,18 @@ class Walk(Descent):
         self._descend(first)
         self._descend(self.drop_passed(others))
 
+    def try_some(self, children: Pairs) -> Pairs:
+        """Have some rays decided, and see whether hits would cull what the others enter; return what those enter."""
+        if not self.any_hit or len(self.best) < MANY_RAYS:
+            return children
+        children = self.drop_passed(children)
+        tried = children.row % (len(self.best) // TRIED_RAYS) == 0
+        some = children.select(tried.nonzero()[0])
+        self.few = True
+        self._descend(some)
+        self.few = len(self.drop_passed(some).row) > (1 - HIT_SHARE) * len(some.row)
+        return children.select((~tried).nonzero()[0])
+
     def _descend(self, pairs: Pairs) -> None:
         """Go from the root's children to what is in the blocks below."""
         later = []
@@ -153,7 +169,7 @@ def walk_world(tree: DenseTree, rays: DenseRays, best: NDArray[np.float32], deci
         best[changed] = to_bounds(decisions.best.take(changed), rays.way.take(changed))
 
     walk = Walk(tree, rays, best, decisions.query.any_hit, partial(cross_blocks, tree, rays), decide)
-    walk.run(walk.enter_root(_test_large(tree, walk)))
+    walk.run(walk.try_some(walk.enter_root(_test_large(tree, walk))))
 
 
 def _test_large(tree: DenseTree, walk: Walk) -> Indices | None:

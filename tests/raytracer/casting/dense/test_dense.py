@@ -34,6 +34,8 @@ def assert_all_agree(mesh, origins, directions, t_min=0.0, t_max=np.inf):
     if len(hits) <= FEW_RAYS:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(dense_walk, "FEW_RAYS", 0)
+            patch.setattr(dense_walk, "MANY_RAYS", 10)
+            patch.setattr(dense_walk, "TRIED_RAYS", 5)
             assert_same_hits(hits, dense.closest_hit(origins, directions, t_min, t_max))
             np.testing.assert_array_equal(dense.any_hit(origins, directions, t_min, t_max), hits.hit)
     some = np.arange(min(len(hits), 300))
@@ -244,6 +246,28 @@ def test_few_triangles_are_in_a_dense_tree_whatever_the_batch():
     caster.closest_hit((3.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
     assert caster.offer.built is not None
     assert caster.offer.other.latest is None
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_rays_go_on_in_order_where_some_that_are_tried_are_stopped(rng, monkeypatch, stopped):
+    mesh = meshes.make_icosphere(5)
+    caster = build_with("dense", raytracer.Scene(meshes=[raytracer.Mesh(*mesh)]))
+    monkeypatch.setattr(dense_walk, "MANY_RAYS", 2000)
+    monkeypatch.setattr(dense_walk, "TRIED_RAYS", 100)
+    starts = rng.normal(size=(2000, 3))
+    starts *= 1.001 / np.linalg.norm(starts, axis=1, keepdims=True)
+    opened = []
+    open_blocks = dense_walk.Walk._open_blocks
+    monkeypatch.setattr(
+        dense_walk.Walk, "_open_blocks", lambda walk, pairs: (opened.append(len(pairs.row)), open_blocks(walk, pairs))
+    )
+    found = caster.any_hit(starts, rng.normal(size=(2000, 3)) * 0.1 + (-starts if stopped else starts))
+    assert np.mean(found) > 0.9 if stopped else np.mean(found) < 0.1
+    some, at_once, others = opened[0], opened[2], sum(opened[3:])
+    assert 0 < some < 0.15 * sum(opened)
+    # In order: rays that their nearest block stops open no others.
+    assert others > 0 if stopped else others == 0
+    assert sum(opened) < 1.5 * at_once if stopped else sum(opened) == some + at_once
 
 
 def test_rays_that_large_triangles_stop_go_no_further(rng, monkeypatch):
