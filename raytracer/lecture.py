@@ -67,7 +67,7 @@ def _sum_products(u: Floats, v: Floats) -> Floats:
     """Return the sum of u_i v_i over the last axis, from the first to the last."""
     total = u[..., 0] * v[..., 0]
     for axis in range(1, max(u.shape[-1], v.shape[-1])):
-        total = total + u[..., axis] * v[..., axis]
+        total += u[..., axis] * v[..., axis]
     return total
 
 

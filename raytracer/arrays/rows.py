@@ -10,7 +10,7 @@ rows and by columns: `where(s[:, None], v, w)` 8.0 and 1.7 ns, `s[:, None] * v` 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,11 @@ from raytracer.arrays.types import Booleans, Floats, Indices
 
 # From so many rows on columns are copied one after the other, in a third of the time that NumPy takes at once.
 MANY_ROWS = 2048
+# From so many indices on a look at all of them costs less than a third of the time of taking three columns.
+MANY_INDICES = 8192
+
+# What `take` does about indices that are out of range.
+Mode = Literal["raise", "wrap"]
 
 
 def lay_columns(values: NDArray[Any]) -> NDArray[Any]:
@@ -74,18 +79,32 @@ def shorten_rows(rows: Indices, count: int) -> Indices | slice:
     return slice(None) if len(rows) == count else rows
 
 
-def take_rows(values: NDArray[Any], rows: Any) -> NDArray[Any]:
-    """Return `values[rows]` for a slice, an index array or a boolean array (n,), in the same order of memory."""
-    if isinstance(rows, slice) or values.ndim == 1:
+def take_rows(values: NDArray[Any], rows: Any, mode: Mode | None = None) -> NDArray[Any]:
+    """Return `values[rows]` for a slice, an index array or a boolean array (n,), in the same order of memory.
+
+    mode : of `find_mode`, where that is known
+    """
+    if isinstance(rows, slice):
         return values[rows]
     rows = np.asarray(rows)
     rows = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
+    if values.ndim == 1:
+        return values.take(rows, mode=mode or "raise")
+    mode = mode or find_mode(rows, len(values))
     # A table that is not contiguous `take` would copy.
     if values.ndim == 2 and values.flags.f_contiguous:
-        return values.T.take(rows, axis=1).T
+        return values.T.take(rows, axis=1, mode=mode).T
     if values.ndim == 2 and values.strides[0] == values.itemsize:  # a slice of columns
-        return np.stack([column.take(rows) for column in values.T]).T
-    return values.take(rows, axis=0)
+        return np.stack([column.take(rows, mode=mode) for column in values.T]).T
+    return values.take(rows, axis=0, mode=mode)
+
+
+def find_mode(rows: Any, count: int) -> Mode:
+    """Return how `take` shall treat rows of `count`: of many that are all there it need not ask of each whether it is,
+    column by column, which takes a third of its time."""
+    if not isinstance(rows, np.ndarray) or rows.dtype != np.int64 or rows.size < MANY_INDICES:
+        return "raise"
+    return "wrap" if rows.view(np.uint64).max() < count else "raise"  # negative ones are huge then
 
 
 def put_rows(target: NDArray[Any], rows: Indices | slice, values: NDArray[Any] | float) -> None:
@@ -104,6 +123,35 @@ def pick_columns(values: NDArray[Any], columns: Indices) -> NDArray[Any]:
     """Return (n,) of each row of (n, k) the value in its column (n,); -1 is the last, as anywhere."""
     place = columns * len(values) + np.arange(len(values))
     return values.T.ravel().take(place, mode="wrap")
+
+
+def divide_where(numerator: Floats | float, denominator: Floats, mask: Booleans, elsewhere: float = 0.0) -> Floats:
+    """Return numerator / denominator where a mask (n,) is True, mostly everywhere; one number elsewhere."""
+    if mask.all():
+        return np.divide(numerator, denominator)
+    return np.divide(numerator, denominator, out=np.full(mask.shape, elsewhere), where=mask)
+
+
+def keep_rows(values: Floats, mask: Booleans) -> Floats:
+    """Return values (n,) where a mask (n,) is True, and 0 elsewhere, which takes as long whatever the mask is.
+
+    `where` branches row by row: 3 to 4 ns where no processor foresees which, of this 0.4.
+    """
+    return (values.view(np.int64) & _spread_bits(mask)).view(np.float64)
+
+
+def exchange(first: Floats, second: Floats, mask: Booleans) -> tuple[Floats, Floats]:
+    """Return two columns (n,), exchanged where a mask (n,) is True, without branches as `keep_rows`."""
+    ones, others = first.view(np.int64), second.view(np.int64)
+    change = ones ^ others
+    change &= _spread_bits(mask)
+    return (ones ^ change).view(np.float64), (others ^ change).view(np.float64)
+
+
+def _spread_bits(mask: Booleans) -> NDArray[np.int64]:
+    """Return (n,) int64, all bits set where a mask (n,) is True."""
+    bits = mask.astype(np.int64)
+    return np.negative(bits, out=bits)
 
 
 def find_sign(mask: Booleans) -> Floats:

@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from raytracer.arrays.rows import (
     add_rows,
     any_column,
+    divide_where,
     join_columns,
+    keep_rows,
     make_zeros,
     mean_column,
     pick_columns,
@@ -80,7 +82,11 @@ def lobe_probabilities(shading: Shading, with_diffuse: bool = False, through_onl
     through_only : True gives a chance to those alone of them that light comes through
     """
     shares = lobe_shares(shading, with_diffuse, through_only)
-    total = sum_columns(shares)[:, np.newaxis]
+    total = sum_columns(shares)
+    if (total > 0).all():
+        shares /= total[:, np.newaxis]
+        return shares
+    total = total[:, np.newaxis]
     return np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
 
 
@@ -138,11 +144,15 @@ def _evaluate(shading: Shading, lobes: Lobes, incoming: Floats, rows: Indices | 
     return evaluate_microfacets(lobes, outgoing, incoming, geometric_normal)
 
 
-def evaluate_diffuse(shading: Shading, incoming: Floats) -> Floats:
-    """Return f |cos| (n, 3) of all Lambertian parts for light from `incoming` (n, 3), unit."""
-    value = shading.diffuse * (np.maximum(dot(shading.normal, incoming), 0.0) / np.pi)[:, np.newaxis]
+def evaluate_diffuse(shading: Shading, incoming: Floats, cosine: Floats | None = None) -> Floats:
+    """Return f |cos| (n, 3) of all Lambertian parts for light from `incoming` (n, 3), unit.
+
+    cosine : (n,) of `incoming` and the normals, where that is known
+    """
+    cosine = dot(shading.normal, incoming) if cosine is None else cosine
+    value = shading.diffuse * (np.maximum(cosine, 0.0) / np.pi)[:, np.newaxis]
     if shading.frequency is not None:
-        value *= fall_faster(dot(shading.normal, incoming), shading.frequency)[:, np.newaxis]
+        value *= fall_faster(cosine, shading.frequency)[:, np.newaxis]
     for part in shading.tilted:
         fades = None if shading.fades_bumps is None else shading.fades_bumps[part.hit]
         arriving = take_rows(incoming, part.hit)
@@ -153,19 +163,23 @@ def evaluate_diffuse(shading: Shading, incoming: Floats) -> Floats:
     return value
 
 
-def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats) -> Floats:
+def diffuse_density(shading: Shading, probabilities: Floats, incoming: Floats, cosine: Floats | None = None) -> Floats:
     """Return the density (n,) with which `sample_bsdf` takes `incoming` for one of the Lambertian parts.
 
     It is cos / pi about each part's normal, but nothing on the surface's other side, where directions are refused.
+
+    cosine : as of `evaluate_diffuse`
     """
     first = 1 + len(shading.lobes)
+    cosine = dot(shading.normal, incoming) if cosine is None else cosine
     above = dot(shading.geometric_normal, incoming) > 0
-    density = np.where(above, probabilities[:, first] * np.maximum(dot(shading.normal, incoming), 0.0), 0.0)
+    density = keep_rows(probabilities[:, first] * np.maximum(cosine, 0.0), above)
     for column, part in enumerate(shading.tilted, start=first + 1):
         cosine = np.maximum(dot(part.normal, take_rows(incoming, part.hit)), 0.0)
         chance = probabilities[:, column][part.hit]
         density[part.hit] += np.where(above[part.hit] != part.transmits, chance * cosine, 0.0)
-    return density / np.pi
+    density /= np.pi
+    return density
 
 
 def evaluate_bsdf(
@@ -177,9 +191,9 @@ def evaluate_bsdf(
     """
     if not includes_diffuse(shading, probabilities):
         return evaluate_lobes(shading, probabilities, incoming, part)
-    value, density = evaluate_diffuse(shading, incoming), diffuse_density(shading, probabilities, incoming)
-    if part == "glossy":
-        value = np.zeros_like(value)
+    cosine = dot(shading.normal, incoming)
+    density = diffuse_density(shading, probabilities, incoming, cosine)
+    value = make_zeros(len(shading)) if part == "glossy" else evaluate_diffuse(shading, incoming, cosine)
     if shading.lobes:
         specular, lobe_density = evaluate_lobes(shading, probabilities, incoming, part)
         value += specular
@@ -202,13 +216,16 @@ def sample_bsdf(shading: Shading, probabilities: Floats, choice: Floats, pair: F
         and refraction
     """
     count = len(shading)
-    lobe, rest = _choose_lobe(probabilities, choice)
+    lobe, upper = _choose_lobe(probabilities, choice)
     sample = BsdfSample(-shading.outgoing, make_zeros(count), np.full(count, np.inf), np.zeros(count, dtype=np.uint8))
+    # Where there are Lambertian parts alone nobody asks where in its interval the choice is.
+    rest = _find_rest(probabilities, choice, lobe, upper) if shading.lobes or shading.portals else choice
     straight = np.flatnonzero(lobe == 0)
-    passing = probabilities[:, 0][straight]
-    put_rows(sample.weight, straight, take_rows(shading.transparency, straight) / passing[:, np.newaxis])
-    if shading.portals:
-        sample = enter_portals(sample, shading, straight, passing, rest[straight])
+    if len(straight):
+        passing = probabilities[:, 0][straight]
+        put_rows(sample.weight, straight, take_rows(shading.transparency, straight) / passing[:, np.newaxis])
+        if shading.portals:
+            sample = enter_portals(sample, shading, straight, passing, rest[straight])
     spread = np.zeros(count, dtype=np.bool_)
     walking = tuple(column for column, lobes in enumerate(shading.lobes, start=1) if walks(lobes))
     for column, lobes in enumerate(shading.lobes, start=1):
@@ -221,9 +238,10 @@ def sample_bsdf(shading: Shading, probabilities: Floats, choice: Floats, pair: F
         _weigh_walks(sample, spread, shading, probabilities, walking)
     elif spread.any():
         value, density = evaluate_bsdf(shading, probabilities, sample.direction)
-        found = np.flatnonzero(spread & (density > 0))
-        sample.density[found] = density[found]
-        put_rows(sample.weight, found, take_rows(value, found) / density[found, np.newaxis])
+        found = shorten_rows(np.flatnonzero(spread & (density > 0)), count)
+        density = density[found]
+        sample.density[found] = density
+        put_rows(sample.weight, found, take_rows(value, found) / density[:, np.newaxis])
     return sample
 
 
@@ -323,15 +341,15 @@ def _sample_diffuse(
             taken = lobe[part.hit] == column
             put_rows(normal, part.hit[taken], take_rows(part.normal, taken))
             sample.kind[part.hit[taken]] = DIFFUSE | TRANSMITTED if part.transmits else DIFFUSE
-    rows = np.flatnonzero(lobe >= first)
+    rows = shorten_rows(np.flatnonzero(lobe >= first), len(lobe))
     around = to_world(sample_cosine_hemisphere(take_rows(pair, rows)), take_rows(normal, rows))
     put_rows(sample.direction, rows, around)
     sample.kind[rows] |= DIFFUSE
     spread[rows] = True
 
 
-def _choose_lobe(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return the lobe (n,) whose interval of the unit interval holds `choice`, and where in it, in [0, 1).
+def _choose_lobe(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.intp], list[Floats]]:
+    """Return the lobe (n,) whose interval of the unit interval holds `choice`, and the upper ends (n,) of each lobe's.
 
     The lobe of a point that has none is -1.
     """
@@ -340,8 +358,15 @@ def _choose_lobe(probabilities: Floats, choice: Floats) -> tuple[NDArray[np.intp
     lobe = np.zeros(len(choice), np.intp)
     for column in upper:
         lobe += at >= column
-    lobe[upper[-1] == 0] = -1
+    none = upper[-1] == 0
+    if none.any():
+        lobe[none] = -1
+    return lobe, upper
+
+
+def _find_rest(probabilities: Floats, choice: Floats, lobe: NDArray[np.intp], upper: list[Floats]) -> Floats:
+    """Return where (n,) in the interval of its lobe each choice is, in [0, 1); arguments as of `_choose_lobe`."""
     width = pick_columns(probabilities, lobe)
     lower = pick_columns(join_columns(*upper), lobe) - width
-    rest = np.divide(at - lower, width, out=np.zeros_like(choice), where=width > 0)
-    return lobe, np.clip(rest, 0.0, np.nextafter(1.0, 0.0))
+    rest = divide_where(choice * upper[-1] - lower, width, width > 0)
+    return np.clip(rest, 0.0, np.nextafter(1.0, 0.0))

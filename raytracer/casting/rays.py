@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from raytracer.arrays.checks import as_array
-from raytracer.arrays.rows import take_rows
+from raytracer.arrays.rows import Mode, find_mode, take_rows
 from raytracer.arrays.types import Booleans, Floats, Integers, Numbers, Pairs, Vectors
 from raytracer.casting.order import Departure, join_departures
 
@@ -27,7 +27,9 @@ def select_rows(record: Record, rows: Any) -> Record:
     if isinstance(rows, np.ndarray) and rows.dtype == np.bool_:
         rows = rows.nonzero()[0]  # once for all arrays
     kind: Any = type(record)
-    return kind(*[_select(getattr(record, name), rows) for name in _list_names(kind)])
+    values = [getattr(record, name) for name in _list_names(kind)]
+    mode = find_mode(rows, len(values[0]))
+    return kind(*[_select(value, rows, mode) for value in values])
 
 
 @cache
@@ -36,9 +38,9 @@ def _list_names(kind: type) -> tuple[str, ...]:
     return tuple(item.name for item in fields(kind))
 
 
-def _select(value: Any, rows: Any) -> Any:
+def _select(value: Any, rows: Any, mode: Mode) -> Any:
     if isinstance(value, np.ndarray):
-        return value[rows] if value.ndim == 1 else take_rows(value, rows)
+        return take_rows(value, rows, mode)
     return None if value is None else value.select(rows)
 
 

@@ -53,7 +53,10 @@ def is_clamped(settings: Settings) -> bool:
 def clamp(light: Floats, limit: Floats) -> Floats:
     """Return light (n, 3), dimmed in all channels alike to a sum of sizes of at most `limit` (n,)."""
     total = np.abs(light[:, 0]) + np.abs(light[:, 1]) + np.abs(light[:, 2])
-    share = np.divide(limit, total, out=np.ones_like(total), where=total > limit)
+    bright = total > limit
+    if not bright.any():
+        return light
+    share = np.divide(limit, total, out=np.ones_like(total), where=bright)
     return light * share[:, np.newaxis]
 
 

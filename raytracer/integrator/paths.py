@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import lay_columns, make_zeros, shorten_rows, take_rows
+from raytracer.arrays.rows import find_mode, lay_columns, make_zeros, shorten_rows, take_rows
 from raytracer.arrays.types import Booleans, Colors, Counts, Floats, Indices, Integers, Kinds, Masks, Numbers, Vectors
 from raytracer.bsdfs.bounce_kinds import COUNTED, STRAIGHT, count_bounces
 from raytracer.bsdfs.bsdf import BsdfSample
@@ -92,23 +92,21 @@ class Paths:
 
     def select(self, rows: Any) -> Paths:
         """Return some of the paths: index or boolean array."""
+        if isinstance(rows, np.ndarray) and rows.dtype == np.bool_:
+            rows = rows.nonzero()[0]  # once for all arrays
+        mode = find_mode(rows, len(self))
+        columns = {name: take_rows(getattr(self, name), rows, mode) for name in COLUMNS}
         return Paths(
-            self.row[rows],
-            self.rays.select(rows),
-            take_rows(self.throughput, rows),
-            self.kind[rows],
-            take_rows(self.bounces, rows),
-            self.passages[rows],
-            take_rows(self.scatter_origin, rows),
-            take_rows(self.scatter_normal, rows),
-            self.density[rows],
-            self.rarest[rows],
-            self.scatterer[rows],
-            self.travelled[rows],
-            None if self.media is None else self.media.select(rows),
-            None if self.portals is None else self.portals[rows],
-            None if self.received is None else self.received[rows],
+            **columns,
+            rays=self.rays.select(rows),
+            media=None if self.media is None else self.media.select(rows),
+            portals=None if self.portals is None else self.portals[rows],
+            received=None if self.received is None else self.received[rows],
         )
+
+
+# What there is of all paths, in an array each.
+COLUMNS = tuple(name for name in Paths.__slots__ if name not in ("rays", "media", "portals", "received"))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -130,8 +128,7 @@ def join_paths(parts: Sequence[Paths]) -> Paths:
         return parts[0]
     if not parts:
         return start_paths(join_rays([]))
-    names = [name for name in Paths.__slots__ if name not in ("rays", "media", "portals", "received")]
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
     media, portals = join_stacks([part.media for part in parts]), None
     if any(part.portals is not None for part in parts):
         portals = np.concatenate([part.count_portals() for part in parts])

@@ -83,7 +83,7 @@ def scatter_by(
         find_lift(integrator),
         count_all(integrator, paths),
     )
-    throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput)
+    throughput = np.where(ended[:, np.newaxis], 0.0, paths.throughput) if ended.any() else paths.throughput
     split = split_paths(passes, paths)
     caustics = None if integrator.caustics is None else WaveCaustics(integrator.caustics, paths, throughput)
     shadow_rays = light_receptive(integrator.sources, points, probabilities, throughput, paths.row, split, caustics)

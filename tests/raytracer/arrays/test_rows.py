@@ -4,12 +4,17 @@ import numpy as np
 import pytest
 
 from raytracer.arrays.rows import (
+    MANY_INDICES,
     MANY_ROWS,
     add_rows,
     all_columns,
     any_column,
+    divide_where,
+    exchange,
+    find_mode,
     find_sign,
     join_columns,
+    keep_rows,
     largest_column,
     lay_columns,
     lay_rows,
@@ -112,3 +117,50 @@ def test_lay_rows_keeps_every_value(rng, count, lay):
     rows = lay_rows(values)
     assert rows.flags.c_contiguous
     np.testing.assert_array_equal(rows, values)
+
+
+# What `where` keeps to the last bit, and sums and products do not.
+ODD = (0.0, -0.0, np.inf, -np.inf, np.nan, -np.nan, 5e-324, -1.5)
+
+
+def bits_of(values):
+    return np.ascontiguousarray(values).view(np.int64)
+
+
+@pytest.mark.parametrize("chosen", [0.0, 0.5, 1.0])
+def test_masks_are_where_bit_for_bit(rng, chosen):
+    first, second = rng.choice(ODD, 200), rng.choice(ODD, 200)
+    mask = rng.random(200) < chosen
+    np.testing.assert_array_equal(bits_of(keep_rows(first, mask)), bits_of(np.where(mask, first, 0.0)))
+    for found, (there, else_) in zip(exchange(first, second, mask), ((second, first), (first, second)), strict=True):
+        np.testing.assert_array_equal(bits_of(found), bits_of(np.where(mask, there, else_)))
+
+
+def test_exchanged_columns_may_lie_apart(rng):
+    pair, mask = rng.normal(size=(30, 2)), rng.random(30) < 0.5
+    left, right = exchange(pair[:, 0], pair[:, 1], mask)
+    np.testing.assert_array_equal(left, np.where(mask, pair[:, 1], pair[:, 0]))
+    np.testing.assert_array_equal(right, np.where(mask, pair[:, 0], pair[:, 1]))
+
+
+@pytest.mark.parametrize("zeros", [0, 1, 30])
+def test_divided_where_it_is_said(rng, zeros):
+    above, below = rng.normal(size=30), rng.normal(size=30)
+    below[rng.permutation(30)[:zeros]] = 0.0
+    expected = [a / b if b else 7.0 for a, b in zip(above, below, strict=True)]
+    np.testing.assert_array_equal(divide_where(above, below, below != 0, elsewhere=7.0), expected)
+
+
+@pytest.mark.parametrize("wrong", [-1, -MANY_INDICES - 1, MANY_INDICES, 2**62, np.iinfo(np.int64).min + 7])
+def test_many_rows_are_checked_together_and_none_missed(rng, wrong):
+    values = lay_columns(rng.normal(size=(MANY_INDICES, 3)))
+    rows = rng.integers(0, MANY_INDICES, MANY_INDICES)
+    assert find_mode(rows, len(values)) == "wrap"
+    np.testing.assert_array_equal(take_rows(values, rows), values[rows])
+    rows[17] = wrong
+    assert find_mode(rows, len(values)) == "raise"
+    if wrong == -1:
+        np.testing.assert_array_equal(take_rows(values, rows), values[rows])
+    else:
+        with pytest.raises(IndexError):
+            take_rows(values, rows)
