@@ -84,12 +84,12 @@ def take_rows(values: NDArray[Any], rows: Any, mode: Mode | None = None) -> NDAr
 
     mode : of `find_mode`, where that is known
     """
+    if values.ndim == 1:
+        return values.take(rows, mode=mode) if mode == "wrap" else values[rows]
     if isinstance(rows, slice):
         return values[rows]
     rows = np.asarray(rows)
     rows = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
-    if values.ndim == 1:
-        return values.take(rows, mode=mode or "raise")
     mode = mode or find_mode(rows, len(values))
     # A table that is not contiguous `take` would copy.
     if values.ndim == 2 and values.flags.f_contiguous:
@@ -102,7 +102,7 @@ def take_rows(values: NDArray[Any], rows: Any, mode: Mode | None = None) -> NDAr
 def find_mode(rows: Any, count: int) -> Mode:
     """Return how `take` shall treat rows of `count`: of many that are all there it need not ask of each whether it is,
     column by column, which takes a third of its time."""
-    if not isinstance(rows, np.ndarray) or rows.dtype != np.int64 or rows.size < MANY_INDICES:
+    if not isinstance(rows, np.ndarray) or rows.size < MANY_INDICES or rows.dtype != np.int64:
         return "raise"
     return "wrap" if rows.view(np.uint64).max() < count else "raise"  # negative ones are huge then
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from raytracer.arrays.rows import largest_column
 from raytracer.arrays.types import Floats
-from raytracer.lecture import cross, dot, length
+from raytracer.lecture import cross, dot
 
 
 def normalize(vectors: Floats) -> Floats:
@@ -25,7 +25,7 @@ def normalize(vectors: Floats) -> Floats:
     if not usual.all():
         scale[~usual] = 1.0
     unit = rows / scale[:, np.newaxis]
-    size = length(unit)
+    size = np.sqrt(dot(unit, unit))
     if not usual.all():
         size[~usual] = 1.0
     unit /= size[:, np.newaxis]
@@ -78,8 +78,12 @@ def _find_frame(x: Floats, y: Floats, z: Floats) -> tuple[_Components, _Componen
 def to_world(local: Floats, normals: Floats) -> Floats:
     """Return x u + y v + z n for local (n, 3) components in the frames of unit normals (n, 3)."""
     x, y, z = local.T
-    axes = zip(*_find_frame(*normals.T), normals.T, strict=True)
-    return _join_components(*(x * u + y * v + z * normal for u, v, normal in axes))
+    world = np.empty((3, *z.shape))
+    for total, u, v, normal in zip(world, *_find_frame(*normals.T), normals.T, strict=True):
+        np.multiply(x, u, out=total)
+        total += y * v
+        total += z * normal
+    return world.T
 
 
 def reflect(outgoing: Floats, normals: Floats) -> Floats:

@@ -204,8 +204,12 @@ def evaluate_bsdf(
 def _select_facing(shading: Shading, lobes: Microfacets, incoming: Floats) -> Microfacets:
     """Return the lobes that may send light from `incoming` (n, 3) back: perfect ones never, others to the side of the
     surface that they reflect or transmit to."""
-    above = dot(lobes.normal, take_rows(incoming, shorten_rows(lobes.hit, len(shading)))) > 0
-    facing = ~lobes.is_perfect & np.where(above, lobes.reflects, lobes.transmits)
+    facing = dot(lobes.normal, take_rows(incoming, shorten_rows(lobes.hit, len(shading)))) > 0
+    if lobes.transmission is not None:
+        facing = (facing & lobes.reflects) | (~facing & lobes.transmits)
+    elif lobes.reflection is not None:
+        facing &= lobes.reflects
+    facing &= ~lobes.is_perfect
     return lobes if facing.all() else lobes.select(np.flatnonzero(facing))
 
 

@@ -44,10 +44,13 @@ def dielectric_reflectance(cosine: Floats, eta: Floats) -> Floats:
     """
     behind = transmitted_cosine(cosine, eta)
     total = (cosine <= 0) | (behind == 0)
-    front, behind = np.where(total, 1.0, cosine), np.where(total, 1.0, behind)
-    across = (front - eta * behind) / (front + eta * behind)
-    along = (eta * front - behind) / (eta * front + behind)
-    return np.where(total, 1.0, (across * across + along * along) / 2.0)
+    some = np.any(total)
+    front, behind = (np.where(total, 1.0, cosine), np.where(total, 1.0, behind)) if some else (cosine, behind)
+    slow, fast = eta * behind, eta * front
+    across = (front - slow) / (front + slow)
+    along = (fast - behind) / (fast + behind)
+    partial = (across * across + along * along) / 2.0
+    return np.where(total, 1.0, partial) if some else partial
 
 
 def metal_slope(f0: Floats, bent: Floats) -> Floats:

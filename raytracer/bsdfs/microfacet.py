@@ -21,7 +21,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import any_column, join_columns, lay_columns, mean_column, put_rows, take_rows
+from raytracer.arrays.rows import (
+    any_column,
+    divide_where,
+    join_columns,
+    keep_rows,
+    mean_column,
+    put_rows,
+    take_rows,
+)
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import make_frame, normalize, reflect
 from raytracer.bsdfs.distributions import (
@@ -146,7 +154,7 @@ def _reflect_untinted(lobes: Microfacets, cosine: Floats) -> Floats:
     A DIELECTRIC lobe runs from its f0 to 1 as the real curve does, so that a tint of f0 keeps the angle dependence.
     """
     if lobes.fresnel == CONSTANT:
-        return lay_columns(np.ones((len(lobes), 3)))
+        return np.ones((3, len(lobes))).T
     if lobes.fresnel == DIELECTRIC:
         return lobes.f0 + (1.0 - lobes.f0) * schlick_share(cosine, lobes.eta)[:, np.newaxis]
     assert lobes.f82 is not None
@@ -202,17 +210,20 @@ def evaluate_microfacets(
     value, choice = _choose_side(*evaluate_fresnel(lobes, np.clip(cos_half_out, 0.0, 1.0)), passes)
     facets = _describe_facets(lobes, (half, cos_facet), (outgoing, cos_out), (incoming, cos_in))
     common = 0.25 * facets.density
-    rows = np.flatnonzero(passes & possible)
+    rows = np.flatnonzero(passes & possible) if lobes.transmission is not None else ()
     if len(rows):
         span = lobes.eta[rows, np.newaxis] * take_rows(incoming, rows) + take_rows(outgoing, rows)
         bend = lobes.eta[rows] ** 2 * np.abs(cos_half_out[rows] * cos_half_in[rows]) / dot(span, span)
         common[rows] = bend * facets.density[rows]
-    common = np.where(possible, common / np.where(possible, cos_out, 1.0), 0.0)
+    if possible.all():
+        common /= cos_out
+    else:
+        common = keep_rows(common / np.where(possible, cos_out, 1.0), possible)
     visible = 1.0 / (1.0 + facets.shadow_out)
     if lobes.beckmann:  # all facets are sampled, with the density D cos of their normals
         visible = cos_out * cos_facet / np.where(possible, cos_half_out, 1.0)
     sampled = ((dot(geometric_normal, incoming) < 0) == passes) & any_column(value > 0)
-    density = np.where(sampled, common * choice * visible, 0.0)
+    density = keep_rows(common * choice * visible, sampled)
     return lobes.weight * value * (common / (1.0 + facets.shadow_out + facets.shadow_in))[:, np.newaxis], density
 
 
@@ -259,7 +270,7 @@ def _reflection_probability(reflectance: Floats, transmittance: Floats | None) -
         return np.ones(len(reflectance))
     reflected, passed = mean_column(reflectance), mean_column(transmittance)
     both = reflected + passed
-    return np.divide(reflected, both, out=np.ones_like(both), where=both > 0)
+    return divide_where(reflected, both, both > 0, elsewhere=1.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from raytracer.arrays.rows import mean_column, sum_columns, take_rows
+from raytracer.arrays.rows import any_column, mean_column, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Floats, Indices, Integers, Vectors
 from raytracer.bsdfs.bounce_kinds import SCATTERED, describe_kinds
 from raytracer.bsdfs.lobe_colors import sum_lobe_colors
@@ -317,12 +317,15 @@ def add_emission(integrator: Integrator, passes: PathPasses, wave: Wave) -> None
     """Add the emission of the surface that is hit, in the share that light sampling leaves to reflected rays."""
     if integrator.emitters is None:
         return
-    paths, surface, radiance = wave.paths, wave.surface, wave.shading.radiance
+    shines = any_column(wave.shading.radiance != 0)
     if integrator.shadow_links is not None:
-        linked = integrator.shadow_links.is_linked(surface.instance)
-        rows = np.flatnonzero(paths.direct | ~linked)  # `shadow_linking` sees to the others
-        paths, surface, radiance = paths.select(rows), surface.select(rows), radiance[rows]
-    add_emission_met(integrator, integrator.emitters, passes, paths, surface, radiance)
+        linked = integrator.shadow_links.is_linked(wave.surface.instance)
+        shines &= wave.paths.direct | ~linked  # `shadow_linking` sees to the others
+    rows = np.flatnonzero(shines)  # few, mostly
+    if len(rows):
+        paths, surface = wave.paths.select(rows), wave.surface.select(rows)
+        radiance = take_rows(wave.shading.radiance, rows)
+        add_emission_met(integrator, integrator.emitters, passes, paths, surface, radiance)
 
 
 def add_emission_met(
@@ -333,8 +336,8 @@ def add_emission_met(
     sampled = np.flatnonzero(np.isfinite(paths.density))
     other = emitter_density(
         emitters,
-        paths.scatter_origin[sampled],
-        paths.rays.directions[sampled],
+        take_rows(paths.scatter_origin, sampled),
+        take_rows(paths.rays.directions, sampled),
         surface.instance[sampled],
         surface.primitive[sampled],
     )

@@ -155,17 +155,18 @@ def _aim(points: ShadingPoints, light: LightSamples, rows: Indices, lifts: bool)
         target, reach = take_rows(light.target, places), light.reach[places]
     if points.lift is None or not lifts:
         return depart(leaving, direction, reach, target)
-    surface, shading = points.surface.select(places), points.shading
-    normal, geometric = take_rows(shading.normal, places), take_rows(shading.geometric_normal, places)
-    lifted = points.lift(surface, normal, geometric, direction)
-    if target is None and len(lifted.rows):
+    normal, geometric = (take_rows(v, places) for v in (points.shading.normal, points.shading.geometric_normal))
+    lifted = points.lift(points.surface, places, normal, geometric, direction)
+    if not len(lifted.rows):
+        return depart(leaving, direction, reach, target)
+    if target is None:
         # From higher up the same point lies in another direction; not so what is infinitely far away.
         direction, reach = direction.copy("K"), reach.copy()
         near = np.isfinite(reach[lifted.rows])
         way = direction[lifted.rows[near]] * reach[lifted.rows[near], np.newaxis] - lifted.offset[near]
         reach[lifted.rows[near]] = length(way)
         put_rows(direction, lifted.rows[near], normalize(way))
-    position = surface.position.copy("K")
+    position = leaving.position.copy("K")
     add_rows(position, lifted.rows, lifted.offset)
     return depart(dataclasses.replace(leaving, position=position), direction, reach, target)
 

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from raytracer.arrays.rows import all_columns, join_columns, scale_vectors, take_rows
+from raytracer.arrays.rows import all_columns, join_columns, keep_rows, scale_vectors, take_rows
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.lecture import dot, intersect_plane, length, point_on_line
@@ -107,7 +107,7 @@ def sample_area(light: AreaLight, positions: Floats, pair: Floats) -> LightSampl
     way = light.position + scale_vectors(u, local[:, 0]) + scale_vectors(v, local[:, 1]) - positions
     direction, distance = normalize(way), length(way)
     cosine = -dot(direction, axis)
-    density = np.where(lit, _area_density(light, low, high, distance, cosine, solid_angle), 0.0)
+    density = keep_rows(_area_density(light, low, high, distance, cosine, solid_angle), lit)
     return LightSamples(direction, distance, divide_rows(area_radiance(light, cosine), density), density)
 
 
@@ -135,9 +135,11 @@ def _area_density(
     if solid_angle is None:
         return divide_rows(distance * distance, area_of(light) * np.maximum(cosine, 0.0))
     width, height = np.maximum(high - low, 0.0).T
+    by_angle, small = divide_rows(np.ones_like(solid_angle), solid_angle), solid_angle < SMALL_SOLID_ANGLE
+    if not small.any():
+        return by_angle
     by_distance = divide_rows(distance * distance, width * height * np.maximum(cosine, 0.0))
-    by_angle = divide_rows(np.ones_like(solid_angle), solid_angle)
-    return np.where(solid_angle < SMALL_SOLID_ANGLE, by_distance, by_angle)
+    return np.where(small, by_distance, by_angle)
 
 
 def _sample_parallel_area(light: AreaLight, positions: Floats) -> LightSamples:

@@ -81,8 +81,11 @@ def without_extent(direction: Floats, distance: Floats, irradiance: Floats) -> L
 
 def divide_rows(numerator: Floats, denominator: Floats) -> Floats:
     """numerator / denominator by rows, 0 where the denominator is 0 (the point lies on the light itself)."""
+    divides = denominator > 0
+    if np.all(divides):
+        return np.divide(numerator.T, denominator, order="C").T
     quotient = np.zeros(numerator.shape[::-1])
-    np.divide(numerator.T, denominator, out=quotient, where=denominator > 0)
+    np.divide(numerator.T, denominator, out=quotient, where=divides)
     return quotient.T
 
 
@@ -171,7 +174,9 @@ def sample_rectangle(position: Floats, low: Floats, high: Floats, pair: Floats) 
         h0, h1 = y0 / np.hypot(across, y0), y1 / np.hypot(across, y1)
         height = h0 + pair[:, 1] * (h1 - h0)
         y = np.clip(height * across / np.sqrt(1.0 - height * height), y0, y1)
-    even = low + pair * (high - low)
-    curved = position[:, :2] + join_columns(x, y)
-    points = np.where((solid_angle < SMALL_SOLID_ANGLE)[:, np.newaxis], even, np.clip(curved, low, high))
+    points = position[:, :2] + join_columns(x, y)
+    np.clip(points, low, high, out=points)
+    small = solid_angle < SMALL_SOLID_ANGLE
+    if small.any():
+        points = np.where(small[:, np.newaxis], low + pair * (high - low), points)
     return points, solid_angle

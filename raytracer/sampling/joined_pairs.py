@@ -76,7 +76,7 @@ def make_tables(columns: tuple[int, ...]) -> NDArray[np.uint32]:
 def look_up(tables: NDArray[np.uint32], sample: Words) -> Words:
     """Return what numbers () or (n,) come to, by the tables of `make_tables`; a new array."""
     if not sample.size or sample.max() < 1 << LOOKED_UP:
-        return tables[0].take(sample)
+        return tables[0].take(sample, mode="wrap")  # which does not ask again
     mask = np.uint32((1 << LOOKED_UP) - 1)
     low, middle, high = (tables[k].take(sample >> np.uint32(k * LOOKED_UP) & mask) for k in range(3))
     return low ^ middle ^ high

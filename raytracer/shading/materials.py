@@ -75,6 +75,10 @@ class MaterialTable:
     fades_bumps: Booleans | None = None
 
 
+# Of a batch, no points.
+NO_ROWS = np.zeros(0, np.intp)
+
+
 def has_weight(closure: Closure) -> bool:
     """False for a closure that a constant weight of 0 switches off."""
     return "weight" in closure.registers or closure.weight > 0
@@ -155,6 +159,8 @@ def _sum_parts(
     known: Columns | None = None,
 ) -> Floats:
     """Return one part of the light (n, 3) of n points: `constant` by material, or summed where programs compute it."""
+    if not constant.any():
+        return make_zeros(len(surface))
     total = take_rows(constant, surface.material)
     if table.computed is None:
         return total
@@ -226,7 +232,7 @@ def make_shading(table: MaterialTable, surface: Surface, path: LightPath | None 
         present = set(kinds.tolist())
         for kind, add_closures in SCATTERING.items():
             number = CLOSURE_KINDS.index(kind)
-            rows = np.flatnonzero(kind_of_hit == number if number in present else ())
+            rows = np.flatnonzero(kind_of_hit == number) if number in present else NO_ROWS
             if len(rows):
                 vectors = _own_vectors(columns, slot, rows, shading)
                 points = Points(rows, surface.front[rows], shading, vectors, tilted, subsurface, portals)

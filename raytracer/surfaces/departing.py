@@ -74,9 +74,13 @@ def step_towards(points: Floats, side: Floats) -> Floats:
     the time of `nextafter`, which is left for zeros and what is not finite.
     """
     bits, moves = points.view(np.int64), side != 0
-    signs_differ = (bits ^ side.view(np.int64)) < 0
-    step = (1 - 2 * signs_differ.view(np.int8)) * moves.view(np.int8)
-    stepped = (bits + step).view(np.float64)
+    step = bits ^ side.view(np.int64)
+    step >>= 63  # -1 where the signs differ, else 0
+    step |= 1
+    if not moves.all():
+        step *= moves
+    step += bits
+    stepped = step.view(np.float64)
     odd = ~(np.isfinite(points) & (points != 0)) & moves
     if odd.any():
         stepped[odd] = np.nextafter(points[odd], np.copysign(np.inf, side[odd]))

@@ -203,7 +203,10 @@ def interpolate(weights: Floats, a: Floats, b: Floats, c: Floats) -> Floats:
     weights : (n, 2) float64, beta and gamma; a, b, c : (n, k) float64, values at the corners
     """
     second, third = weights[:, 0:1], weights[:, 1:2]
-    return ((1.0 - second - third) * a + second * b) + third * c
+    total = (1.0 - second - third) * a
+    total += second * b
+    total += third * c
+    return total
 
 
 def gather_corners(table: CornerTable, mesh: Integers, primitive: Integers, weights: Floats) -> Floats:

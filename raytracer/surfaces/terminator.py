@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import find_sign
+from raytracer.arrays.rows import find_sign, take_rows
 from raytracer.arrays.types import Floats, Indices
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import world_corners
@@ -56,7 +56,7 @@ class Lifted(NamedTuple):
 
 
 # What lifts points (n): arguments as of `lift_points`.
-Lift = Callable[[Surface, Floats, Floats, Floats], Lifted]
+Lift = Callable[[Surface, Indices | slice, Floats, Floats, Floats], Lifted]
 
 
 def make_terminator(scene: Scene) -> Terminator | None:
@@ -74,7 +74,13 @@ def make_terminator(scene: Scene) -> Terminator | None:
 
 
 def lift_points(
-    tables: SurfaceTables, terminator: Terminator, surface: Surface, normal: Floats, geometric: Floats, light: Floats
+    tables: SurfaceTables,
+    terminator: Terminator,
+    surface: Surface,
+    places: Indices | slice,
+    normal: Floats,
+    geometric: Floats,
+    light: Floats,
 ) -> Lifted:
     """Return which of n points grazing shadow rays start higher from, and how far.
 
@@ -82,15 +88,14 @@ def lift_points(
     full below n . l + g . l = c, and fades out towards 2 c; where n . l > c, from g . l = 0 to c. What may not lie
     alone stays where it is, for it must not pass what lies upon it.
 
+    places : (n,) where the points are on the surface; a slice where they are all
     normal, geometric : (n, 3) unit, shading and geometric normal towards the viewer
     light : (n, 3) unit, towards the light
     """
     assert tables.normals is not None
-    flat = surface.instance < tables.instance_count
-    mesh = tables.geometry.instance_mesh[np.where(flat, surface.instance, 0)]
-    cutoff = np.where(flat & (tables.normals.first[mesh] >= 0), terminator.cutoff[surface.instance], 0.0)
+    cutoff = find_cutoffs(tables, terminator).take(surface.instance[places])
     if surface.layer is not None:
-        cutoff[surface.layer != 0] = 0.0
+        cutoff[surface.layer[places] != 0] = 0.0
     along, over = dot(normal, light), dot(geometric, light)
     side = find_sign(along >= 0)
     over *= side
@@ -99,8 +104,18 @@ def lift_points(
     amount = np.where(along < cutoff, 2.0 - (over + along) / cutoff, 1.0 - over / cutoff)
     lifted = np.flatnonzero(amount > 0)
     rows, amount = near[lifted], np.minimum(amount[lifted], 1.0)
-    smooth = find_smooth_offset(tables, surface.select(rows), side[rows, np.newaxis] * geometric[rows])
+    points = surface.select(rows if isinstance(places, slice) else places[rows])
+    smooth = find_smooth_offset(tables, points, side[rows, np.newaxis] * take_rows(geometric, rows))
     return Lifted(rows, amount[:, np.newaxis] * smooth)
+
+
+def find_cutoffs(tables: SurfaceTables, terminator: Terminator) -> Floats:
+    """Return the cutoffs (instances + groups,) of objects that are smooth; 0 of all others."""
+    assert tables.normals is not None
+    cutoff = np.zeros(len(terminator.cutoff))
+    smooth = np.flatnonzero(tables.normals.first[tables.geometry.instance_mesh] >= 0)
+    cutoff[smooth] = terminator.cutoff[smooth]
+    return cutoff
 
 
 def find_smooth_offset(tables: SurfaceTables, surface: Surface, geometric: Floats) -> Floats:

@@ -57,7 +57,7 @@ def aim_around(integrator: Integrator, wave: Wave, rows: np.ndarray, sampler: Sa
     lift = find_lift(integrator)
     if lift is not None:
         normal, geometric = take_rows(shading.normal, rows), take_rows(shading.geometric_normal, rows)
-        lifted = lift(surface, normal, geometric, direction)
+        lifted = lift(surface, slice(None), normal, geometric, direction)
         position = surface.position.copy("K")
         position[lifted.rows] += lifted.offset
         surface = replace(surface, position=position)

@@ -70,7 +70,7 @@ def test_only_grazing_rays_are_lifted():
     sizes = []
     for cosine in (0.9, 0.41, 0.3, 0.1, 0.0, -0.1, -0.9):
         light = cosine * normal + np.sqrt(1 - cosine**2) * across
-        lifted = lift_points(integrator.tables, integrator.terminator, surface, normal, normal, light)
+        lifted = lift_points(integrator.tables, integrator.terminator, surface, slice(None), normal, normal, light)
         sizes.append(np.linalg.norm(lifted.offset) if len(lifted.rows) else 0.0)
     assert sizes[:2] == [0.0, 0.0]
     # In full at 0; half gone where both cosines are 0.15, of a cutoff of 0.2; on the other side likewise.
