@@ -30,7 +30,7 @@ from ..viewport.viewport import Viewport
 from . import animation, checkpoints, orders, statistics, worker_pool
 from .animation import Frames
 from .baking import bake_object
-from .finishing import finish_picture
+from .finishing import finish_picture, is_finished_later
 from .first_look import show_first_look
 from .light_groups import give_groups
 from .mattes import describe_mattes, give_identities, name_things
@@ -143,17 +143,18 @@ def render_view_layer(engine: Any, depsgraph: Any, view: str = "") -> None:
         world = find_world(scene, view_layer)
         traced = give_groups(traced, extraction, world, enabled_passes(view_layer))
         film = make_film(engine, traced, depsgraph, border, progress, kept)
+        error = None if engine.is_preview else film.measure_error()
         is_denoised = False
         if (film.width, film.height) == (border.width, border.height):  # a tile is no picture
-            output.write(film.passes)
+            is_last = orders.find_order() is None and not is_finished_later(engine, scene, film)
+            output.write_film(film, uses_up=is_last)
             output.note(describe_mattes(view_layer.name, things))
             is_denoised, reasons = finish_picture(engine, scene, film, output, progress.show_stage)
             warnings = (*warnings, *reasons)
-    if engine.is_preview:
+    if error is None:
         return
     for warning in warnings:
         engine.report({"WARNING"}, str(warning))
-    error = film.measure_error()
     taken = statistics.Statistics(
         passes=enabled_passes(view_layer),
         width=border.width,

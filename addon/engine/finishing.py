@@ -17,14 +17,19 @@ GUIDES = {"Albedo": "Denoising Albedo", "Normal": "Denoising Normal"}
 NOTE_DENOISED = (("Denoised", "OpenImageDenoise"),)
 
 
+def is_finished_later(engine: Any, scene: Any, film: Film) -> bool:
+    """Return whether the picture is to be denoised once it is traced."""
+    return bool(scene.reference_raytracer.use_denoising) and not engine.is_preview and not film.cancelled
+
+
 def finish_picture(
     engine: Any, scene: Any, film: Film, output: RenderOutput, on_stage: Callable[[str], None]
 ) -> tuple[bool, tuple[Warning, ...]]:
-    """Write Combined without its noise where that is wanted; return whether it was, and the warnings why not.
+    """Write the film with Combined without its noise where that is wanted; return whether it was, and warnings why not.
 
     A picture that the user stopped stays as it is: to wait for more is what they did not want.
     """
-    if not scene.reference_raytracer.use_denoising or engine.is_preview or film.cancelled:
+    if not is_finished_later(engine, scene, film):
         return False, ()
     on_stage("Denoising")
     try:
@@ -34,6 +39,6 @@ def finish_picture(
         return False, ()
     except DenoiseError as error:
         return False, (Warning(f"Denoise: {error}; the picture is as it was traced"),)
-    output.write({"Combined": denoised})
+    output.write_film(film, Combined=denoised)
     output.note(NOTE_DENOISED)
     return True, ()

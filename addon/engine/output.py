@@ -12,7 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.film.film import Film
+
 from ..versions import blender_pass_name
+
+# Pixels that are handed over at a time: a whole picture beside the film and Blender's own would be one too many.
+STRIP = 1 << 18
 
 
 class Border(NamedTuple):
@@ -63,10 +68,11 @@ def measure_picture(settings: Any) -> tuple[int, int]:
 
 
 class RenderOutput:
-    """Blender's result of one view layer, or of one of its stereo views, open inside a `with` block and always ended.
+    """Blender's result of one view layer, or of one of its stereo views, which a `with` block always leaves there.
 
-    It is ended without `cancel`, even after an error or Esc: what was written so far stays, and Blender crashes when
-    it saves a result that was thrown away.
+    What is shown meanwhile is one of the whole border, begun when there is something to show; the film comes last, in
+    strips. Each is ended without `cancel`, even after an error or Esc: what was written so far stays, and Blender
+    crashes when it saves a result that was thrown away.
     """
 
     def __init__(self, engine: Any, view_layer: str, border: Border, view: str = "") -> None:
@@ -74,25 +80,55 @@ class RenderOutput:
         self._view_layer = view_layer
         self._border = border
         self._view = {"view": view} if view else {}
+        self._whole: Any = None
+        self._is_written = False
 
     def __enter__(self) -> RenderOutput:
-        # Blender counts a result's corner from the border's own.
-        size = self._border.width, self._border.height
-        self._result = self._engine.begin_result(0, 0, *size, layer=self._view_layer, **self._view)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._engine.end_result(self._result)
+        if not self._is_written:
+            self._whole = self._whole or self._begin(0, self._border.height)
+        self._end_whole()
 
     def write(self, passes: Mapping[str, NDArray[np.float32]]) -> None:
-        """Copy a film's passes, (h, w, c) by name, into the result."""
-        names = {blender_pass_name(name): name for name in passes}
-        for stored in self._result.layers[0].passes:
-            name = names.get(stored.name)
-            if name is not None:
-                stored.rect.foreach_set(to_blender_pixels(passes[name]))
+        """Copy passes, (h, w, c) by name, into what is shown."""
+        self._whole = self._whole or self._begin(0, self._border.height)
+        fill_passes(self._whole, {name: to_blender_pixels(values) for name, values in passes.items()})
+
+    def write_film(self, film: Film, uses_up: bool = False, **replaced: NDArray[np.float32]) -> None:
+        """Copy all passes of a film into the result, the highest strip first.
+
+        uses_up : True where nobody needs the film any more: strips that Blender has are cut off it
+        replaced : passes (h, w, c) that take the place of the film's own
+        """
+        self._end_whole()
+        readers = {name: film.open_pass(name) for name in film.names if name not in replaced}
+        width, height = self._border.width, self._border.height
+        rows = max(1, STRIP // width)
+        for start in reversed(range(0, height, rows)):
+            stop = min(start + rows, height)
+            strip = {name: read(slice(start * width, stop * width)).reshape(-1) for name, read in readers.items()}
+            strip |= {name: to_blender_pixels(part[height - stop : height - start]) for name, part in replaced.items()}
+            result = self._begin(start, stop)
+            fill_passes(result, strip)
+            self._engine.end_result(result)
+            if uses_up:
+                film.cut_off(start)
+        self._is_written = True
+
+    def _begin(self, start: int, stop: int) -> Any:
+        """Return a result of some rows."""
+        # Blender counts a result's corner from the border's own.
+        size = self._border.width, stop - start
+        return self._engine.begin_result(0, start, *size, layer=self._view_layer, **self._view)
+
+    def _end_whole(self) -> None:
+        if self._whole is not None:
+            self._engine.end_result(self._whole)
+            self._whole = None
 
     def note(self, fields: Iterable[tuple[str, str]]) -> None:
         """Add fields, names and values, to the metadata of the picture."""
@@ -101,7 +137,16 @@ class RenderOutput:
 
     def show(self) -> None:
         """Let Blender draw what was written."""
-        self._engine.update_result(self._result)
+        self._engine.update_result(self._whole)
+
+
+def fill_passes(result: Any, passes: Mapping[str, NDArray[np.float32]]) -> None:
+    """Copy passes by name, each flat as Blender has them, into a result."""
+    names = {blender_pass_name(name): name for name in passes}
+    for stored in result.layers[0].passes:
+        name = names.get(stored.name)
+        if name is not None:
+            stored.rect.foreach_set(passes[name])
 
 
 def to_blender_pixels(pixels: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -105,6 +105,10 @@ class Archive:
             raise ValueError(f"format {content.get('format') if isinstance(content, dict) else content!r}")
         return content
 
+    def has(self, name: str) -> bool:
+        """True where the file holds an array of this name."""
+        return f"{name}.npy" in self._archive.namelist()
+
     def read(self, name: str, largest: int | None = None, keep: bool = True) -> NDArray[Any]:
         """Return an array.
 

@@ -40,7 +40,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from raytracer.arrays.types import Counts, Floats
-from raytracer.film.unmet import find_unmet
+from raytracer.film.pixel_parts import Parts, Spread, Tally, keep_largest, mean_without, sum_squares, tally_parts
 
 # The confidence of intervals, 95%, as a two-sided quantile of the normal distribution.
 QUANTILE = 1.959964
@@ -142,93 +142,93 @@ def weigh_difference(first: Counts, second: Counts, even: bool = False) -> Float
 class Scatter:
     """How the samples of a picture scatter within its pixels.
 
-    squares : (pixels,) float64, s^2 / n of each pixel, what the square of its error would be, were its samples
-        independent
+    squares : s^2 / n of each pixel, what the square of its error would be, were its samples independent
     unmet : what a pixel may lack of light that no sample has met
     """
 
-    squares: Floats
+    squares: Parts
     unmet: float = 0.0
 
 
-def measure_scatter(sums: Floats, square_sums: Floats, counts: Counts, near_misses: tuple[int, ...] = ()) -> Scatter:
-    """Return how samples scatter.
+def find_deviations(sums: Floats, square_sums: Floats, counts: Counts) -> Floats:
+    """Return sum (x - mean)^2 (n,) of the samples x of pixels, each the mean of its channels.
 
     Parameters
     ----------
-    sums, square_sums : (pixels,) float64, of a pixel's samples, each the mean of its channels, and of their squares
-    counts : (pixels, 2), numbers of samples of both replications
-    near_misses : of `count_near_misses`
+    sums, square_sums : (n,) float64, of samples and of their squares
+    counts : (n, 2), numbers of samples of both replications
     """
-    first, second = np.maximum(counts, 1).T.astype(np.float64)
-    count = first + second
+    count = np.maximum(counts, 1).sum(axis=1).astype(np.float64)
     deviations = square_sums - sums * sums / count
     # What is left of a constant is rounding: of two sums of so many numbers, one of them squared.
     rounding = 3.0 * count * np.finfo(np.float64).eps * square_sums
-    deviations = np.where(deviations > rounding, deviations, 0.0)
-    squares = deviations / np.maximum(count - 1.0, 1.0) * (1.0 / first + 1.0 / second) / 4.0
-    unmet = find_unmet(near_misses, float(np.sqrt(deviations.max())))
-    return Scatter(squares, unmet / float(count.min()))
+    return np.where(deviations > rounding, deviations, 0.0)
+
+
+def spread_samples(deviations: Floats, counts: Counts) -> Floats:
+    """Return s^2 / n (n,) of pixels, by sum (x - mean)^2 (n,) of the numbers of samples (n, 2) of replications."""
+    first, second = np.maximum(counts, 1).T.astype(np.float64)
+    return deviations / np.maximum(first + second - 1.0, 1.0) * (1.0 / first + 1.0 / second) / 4.0
 
 
 def measure_error(
-    squares: Floats, level: float, width: int, interleaving: int = 0, scatter: Scatter | None = None
+    squares: Parts, level: float, width: int, interleaving: int = 0, scatter: Scatter | None = None
 ) -> PictureError:
     """Return how wrong a picture is.
 
     Parameters
     ----------
-    squares : (pixels,) float64, d^2 of each pixel, the mean of its channels; along rows from the lower left corner
+    squares : d^2 of each pixel, the mean of its channels
     level : the mean of the picture's channels
     width : pixels of a row
     interleaving : side of the squares of pixels that take different points of lights (`lights.shared_points`), or times
         (`film.shutter`); 0 where each has its own
     scatter : None where it is not known
     """
-    total = float(squares.sum())
-    if not np.isfinite(total + level):
+    noisiest = max(1, round(NOISIEST * squares.pixels))
+    found = tally_parts(squares, max(noisiest, FEW))
+    if not np.isfinite(found.total + level):
         return PictureError()
-    error = relate(total / squares.size, level)
+    error = relate(found.total / squares.pixels, level)
     if error == np.inf:
         return PictureError(error, (error, error), error)
-    scatter = scatter or Scatter(np.zeros(squares.size))
-    unmet = scatter.unmet**2
-    low, high = find_interval(squares, error, width, interleaving)
-    few, worst = find_few(squares, scatter.squares)
-    if few:
-        high = max(high, relate(float(scatter.squares.mean()), level))
+    scattered = None if scatter is None else tally_parts(scatter.squares, FEW)
+    unmet = 0.0 if scatter is None else scatter.unmet**2
+    low, high = find_interval(squares, found, error, width, interleaving)
+    few, worst = find_few(found, scattered)
+    if few and scattered is not None:
+        high = max(high, relate(scattered.total / squares.pixels, level))
     row, column = divmod(worst, width)
-    quiet = squares.size - max(1, round(NOISIEST * squares.size))
     return PictureError(
         error,
-        (low, float(np.hypot(high, relate(unmet / squares.size, level)))),
-        relate(float(np.partition(squares, quiet)[:quiet].mean()) if quiet else 0.0, level),
+        (low, float(np.hypot(high, relate(unmet / squares.pixels, level)))),
+        relate(mean_without(squares, keep_largest(found.most, noisiest)), level),
         few,
         (column, row),
-        is_unmet=unmet > total,
-        is_one_draw=interleaving == 1 and total > 0,
+        is_unmet=unmet > found.total,
+        is_one_draw=interleaving == 1 and found.total > 0,
     )
 
 
-def find_interval(squares: Floats, error: float, width: int, interleaving: int) -> tuple[float, float]:
+def find_interval(squares: Parts, found: Tally, error: float, width: int, interleaving: int) -> tuple[float, float]:
     """Return (low, high), by what samples have met: parameters as `measure_error`."""
     if error == 0:
         return 0.0, 0.0
-    scaled = squares / squares.max()  # whose squares do not underflow
-    low = error / spread_ratio(count_freedom(scaled, width, interleaving))
-    missed = count_freedom(scaled, width, interleaving, missed=1.0)
-    return low, error * ((1.0 + 1.0 / scaled.sum()) ** 0.5 * spread_ratio(missed))
+    spread = sum_squares(squares, width, interleaving, found.largest)
+    low = error / spread_ratio(count_freedom(spread))
+    missed = count_freedom(spread, missed=1.0)
+    return low, error * ((1.0 + 1.0 / spread.total) ** 0.5 * spread_ratio(missed))
 
 
-def find_few(squares: Floats, scattered: Floats) -> tuple[int, int]:
-    """Return how many pixels hold MOST_NOISE, by either estimate (pixels,), the fewer of both, 0 where those are more
-    than FEW; and which one has most of it."""
-    found = []
-    for estimate in (squares, scattered):
-        total = float(estimate.sum())
-        noisiest = np.partition(estimate, max(estimate.size - FEW, 0))[-FEW:]
-        found.append((count_holders(noisiest, total) if 0 < total < np.inf else 0, int(estimate.argmax())))
-    return min(filter(lambda one: one[0], found), default=found[0])
+def find_few(found: Tally, scattered: Tally | None) -> tuple[int, int]:
+    """Return how many pixels hold MOST_NOISE, by either estimate, the fewer of both, 0 where those are more than FEW;
+    and which one has most of it."""
+    holders = [
+        (count_holders(keep_largest(one.most, FEW), one.total) if 0 < one.total < np.inf else 0, one.worst)
+        for one in (found, scattered)
+        if one is not None
+    ]
+    return min(filter(lambda one: one[0], holders), default=holders[0])
 
 
 def relate(square: float, level: float) -> float:
@@ -238,8 +238,8 @@ def relate(square: float, level: float) -> float:
     return float(np.sqrt(square) / abs(level)) if level else np.inf
 
 
-def count_freedom(squares: Floats, width: int, interleaving: int, missed: float = 0.0) -> float:
-    """Return the degrees of freedom of the sum of `squares`, and one more of `missed`, (sum v)^2 / sum v^2.
+def count_freedom(spread: Spread, missed: float = 0.0) -> float:
+    """Return the degrees of freedom of the sum of squares v, and one more of `missed`, (sum v)^2 / sum v^2.
 
     Pixels that share points of lights, or times, are wrong together. Where they do, each of the G sets of pixels that
     take different ones has a sum S of its own, numbers from one distribution, of the variance s^2: their total has the
@@ -247,18 +247,14 @@ def count_freedom(squares: Floats, width: int, interleaving: int, missed: float 
     as much larger as Student's quantile is than the normal one, squared. Of one set no s^2 is known: one degree is
     left.
     """
-    # By sums, for they may end a render: BLAS, to which a product goes, rounds them in its processor's way.
-    total, of_squares = float(squares.sum()) + missed, float((squares * squares).sum()) + missed * missed
-    freedom = NORMAL_KURTOSIS * total * total / of_squares
-    if interleaving == 0:
+    total, sums = spread.total + missed, spread.of_sets
+    freedom = NORMAL_KURTOSIS * total * total / (spread.of_squares + missed * missed)
+    if sums is None:
         return freedom
-    row, column = np.divmod(np.arange(squares.size), width)
-    number = row % interleaving * interleaving + column % interleaving
-    sums = np.bincount(number, squares)[np.bincount(number) > 0]  # a small picture lacks some sets
     if len(sums) < 2:
         return min(freedom, 1.0)
-    spread = float(sums.var(ddof=1)) * (student_quantile(len(sums) - 1) / QUANTILE) ** 2
-    return min(freedom, 2.0 * len(sums) * float(sums.mean()) ** 2 / spread) if spread else freedom
+    variance = float(sums.var(ddof=1)) * (student_quantile(len(sums) - 1) / QUANTILE) ** 2
+    return min(freedom, 2.0 * len(sums) * float(sums.mean()) ** 2 / variance) if variance else freedom
 
 
 def student_quantile(freedom: int) -> float:

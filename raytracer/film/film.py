@@ -5,8 +5,8 @@ source): light, colors, Normal and UV are means over a pixel's samples, in which
 Depth, Position, Vector and the indices come from the one ray through the pixel's centre, for a mean of two surfaces
 lies on neither.
 
-Combined is also summed for every replication of the samples (`sampling.sobol`) by itself, which is what its error is
-told from (`error`), and so are the squares of its samples: together 8 bytes for each pixel and channel.
+What is held of Combined also tells its error (`error`), by the two replications of the samples (`sampling.sobol`): 40
+bytes a pixel in all, of one sample 24 (`sums`).
 """
 
 from __future__ import annotations
@@ -18,22 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays.rows import mean_column
 from raytracer.arrays.types import Floats, Indices
-from raytracer.film.error import (
-    PictureError,
-    Scatter,
-    measure_error,
-    measure_scatter,
-    share_with_neighbors,
-    square_errors,
-    weigh_difference,
-)
-from raytracer.film.mattes import add_tables, sort_slots
+from raytracer.film.counts import iterate_parts
+from raytracer.film.error import PictureError
+from raytracer.film.film_error import measure_film, smooth_errors, square_film
+from raytracer.film.mattes import sort_slots
 from raytracer.film.on_demand import PassesOnDemand
 from raytracer.film.passes import (
     CAUGHT,
-    LENGTH,
     NEAR_MISS,
     find_pass,
     matte_pass,
@@ -42,37 +34,12 @@ from raytracer.film.passes import (
     select_passes,
 )
 from raytracer.film.picture_key import PictureKey
+from raytracer.film.pixel_parts import PART
 from raytracer.film.shown import divide_by_color, find_shadows, show_shadows
+from raytracer.film.sums import Sums
 from raytracer.film.unmet import add_near_misses, count_near_misses
 
-# In `Film.arrays`, what is after the name of a pass whose sum is that of the second replication alone.
-SECOND = ", second replication"
-# The sum of the squares of Combined's samples, each the mean of its colors.
-SQUARES = "Squares"
-# What tells how the samples of an adaptive film's pilot scatter: the sums of the mean of their channels, of its square,
-# and of their paths' lengths, of each replication, of its first samples and of its last ones.
-PILOT = "Pilot"
-# How often estimates of pixels are shared with neighbors. Once, 1.96 standard errors hold 90% of the errors of pixels
-# that are no fireflies, twice 92 to 94%, three times 92 to 95%, but edges are spread wider.
-SHARED = 2
-# Pixels whose means are held at a time.
-PART = 1 << 16
-
 LARGEST = np.finfo(np.float32).max
-# What `arrays` calls the number of samples of each pixel.
-COUNTS = "Sample Count"
-
-
-def square_means(values: Floats) -> Floats:
-    """Return the squares (n, 1) of the means of the colors of samples (n, channels)."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        mean = mean_column(values[:, :3])
-        return (mean * mean)[:, np.newaxis]
-
-
-def split_pilot(pilot: int) -> int:
-    """Return how many samples of each replication are the first part of a pilot of so many sweeps."""
-    return pilot // 4
 
 
 @dataclass
@@ -113,9 +80,8 @@ class Film:
     key : what decides the picture's bits; None where a film is no part of a picture
     label : what sentences call it, the path of the file that it came from
     exposure : factor of all light where it is shown
-    arrays : all that a film holds, by name, (pixels, channels); pixels are numbered along rows from the LOWER left, as
-        the camera counts. The sums of passes that are means and the values of the others, float64; 'Sample Count',
-        (pixels, 2) int32, of both replications
+    sums : what it holds; pixels are numbered along rows from the LOWER left, as the camera counts. The sums of passes
+        that are means and the values of the others, and how many samples each pixel has
 
     Examples
     --------
@@ -146,34 +112,22 @@ class Film:
     label: str = ""
     exposure: float = 1.0
     statistics: Statistics = field(default_factory=Statistics)
-    arrays: dict[str, NDArray[Any]] = field(init=False)
+    sums: Sums = field(init=False)
 
     def __post_init__(self) -> None:
-        pixels = self.width * self.height
-        sampled = select_passes(self.names, from_centre=False)
-        self._means = tuple(name for name in sampled if not find_pass(name).matte) + ((CAUGHT,) if self.catches else ())
-        # Adaptive, a pixel is the mean of both replications' means; else only the error needs them apart.
-        self._seconds = tuple(name for name in self._means if self.pilot or name in ("Combined", CAUGHT))
-        stored = (*self._means, *select_passes(self.names, from_centre=True))
-        self.arrays = {name: np.zeros((pixels, find_pass(name).channels)) for name in stored}
-        self.arrays |= {name + SECOND: np.zeros((pixels, self._count_seconds(name))) for name in self._seconds}
-        if "Combined" in self._means:
-            self.arrays[SQUARES] = np.zeros((pixels, 1))
-        self._mattes = select_mattes(self.names)
-        self.arrays |= {matte_table(kind): np.zeros((pixels, 2 * slots)) for kind, slots in self._mattes.items()}
-        self.arrays["Sample Count"] = np.zeros((pixels, 2), dtype=np.int32)
-        if self.pilot:
-            self.arrays[PILOT] = np.zeros((pixels, 2 * 2 * 3))
+        means, centre = (select_passes(self.names, from_centre) for from_centre in (False, True))
+        means = tuple(name for name in means if not find_pass(name).matte) + ((CAUGHT,) if self.catches else ())
+        self.sums = Sums(self.width * self.height, means, centre, select_mattes(self.names), self.pilot)
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What is held of the pixels besides their numbers of samples, by name, (pixels, channels)."""
+        return self.sums.arrays
 
     @property
     def ahead_samples(self) -> int:
         """How many samples those pixels that are ahead of the others have more than these."""
-        return int(self.arrays[COUNTS][0].sum()) - self.samples if self.ahead and not self.pilot else 1
-
-    def _count_seconds(self, name: str) -> int:
-        """Return how many channels are summed by replication: alpha has an error that nobody asks for."""
-        is_shown = self.pilot or self.catches
-        return find_pass(name).channels if is_shown or name != "Combined" else 3
+        return int(self.sums.counts.read(slice(0, 1)).sum()) - self.samples if self.ahead and not self.pilot else 1
 
     def add(
         self, pixels: slice | Indices, values: Mapping[str, Floats], replication: int, repeated: bool = False
@@ -190,43 +144,8 @@ class Film:
         if NEAR_MISS in values:
             self.near_misses = add_near_misses(self.near_misses, count_near_misses(values[NEAR_MISS]))
         if self.samples < self.pilot:
-            self._note_pilot(pixels, values, replication)
-        sums = [(name, values[name]) for name in self._means]
-        if replication:
-            sums += [(name + SECOND, values[name][:, : self._count_seconds(name)]) for name in self._seconds]
-        if SQUARES in self.arrays:
-            sums.append((SQUARES, square_means(values["Combined"])))
-        for kind in self._mattes:
-            self._add_matte(matte_table(kind), pixels, values[matte_table(kind)], repeated)
-        counts = self.arrays["Sample Count"][:, replication]
-        if repeated:
-            assert not isinstance(pixels, slice)
-            for name, added in sums:  # column by column: of whole rows `add.at` takes five times as long
-                for column in range(added.shape[1]):
-                    np.add.at(self.arrays[name][:, column], pixels, added[:, column])
-            np.add.at(counts, pixels, 1)
-            return
-        for name, added in sums:
-            self.arrays[name][pixels] += added
-        counts[pixels] += 1
-
-    def _add_matte(self, name: str, pixels: slice | Indices, values: Floats, repeated: bool) -> None:
-        rows = np.arange(len(self.arrays[name]))[pixels]
-        while len(rows):
-            first = np.unique(rows, return_index=True)[1] if repeated else slice(None)
-            add_tables(self.arrays[name], rows[first], values[first])
-            if not repeated:
-                return
-            rows, values = np.delete(rows, first), np.delete(values, first, axis=0)
-
-    def _note_pilot(self, pixels: slice | Indices, values: Mapping[str, Floats], replication: int) -> None:
-        """Add what tells how samples scatter."""
-        value = values["Combined"][:, :3].mean(axis=1)
-        with np.errstate(over="ignore"):
-            noted = np.stack([value, value * value, values[LENGTH][:, 0]], axis=1)
-        done = int(self.arrays[COUNTS][pixels, replication].max(initial=0))  # as many of all these pixels
-        column = 3 * (2 * replication + (done >= split_pilot(self.pilot)))
-        self.arrays[PILOT][pixels, column : column + 3] += noted
+            self.sums.note_pilot(pixels, values, replication)
+        self.sums.add(pixels, values, replication, repeated)
 
     def set_centre(self, pixels: slice | Indices, values: Mapping[str, Floats]) -> None:
         """Store the passes that come from the pixel's centre; parameters as `add`."""
@@ -237,17 +156,20 @@ class Film:
         """Return a film of some of the pixels, a row, with what they hold of all passes but those from the centre; for
         samples to be added elsewhere, and `put_strip`."""
         names = select_passes(self.names, from_centre=False)
-        count = len(self.arrays[COUNTS][pixels])
+        count = len(self.sums.counts.read(pixels))
         strip = Film(count, 1, names, self.samples, catches=self.catches, pilot=self.pilot)
-        for name, array in strip.arrays.items():
-            array[...] = self.arrays[name][pixels]
+        strip.sums.take(slice(None), self.sums, pixels)
         return strip
 
     def put_strip(self, pixels: slice | Indices, strip: Film) -> None:
         """Put what `cut_strip` returned back, with what has been added to it."""
         self.near_misses = add_near_misses(self.near_misses, strip.near_misses)
-        for name, array in strip.arrays.items():
-            self.arrays[name][pixels] = array
+        self.sums.take(pixels, strip.sums, slice(None))
+
+    def cut_off(self, height: int) -> None:
+        """Let go of the rows from `height` on, and of their memory: what is left is a film of the lower ones."""
+        self.sums.cut_off(height * self.width)
+        self.height = height
 
     @property
     def passes(self) -> Mapping[str, NDArray[np.float32]]:
@@ -263,21 +185,30 @@ class Film:
         if name not in self.names:
             raise KeyError(f"the film has no pass {name!r}; it has {', '.join(self.names)}")
         picture = np.empty((self.height, self.width, find_pass(name).channels), dtype=np.float32)
-        errors = self._smooth_errors() if name == "Error" else None
-        for row in range(self.height):  # a row at a time: a large film leaves no room for a second one in float64
-            pixels = slice(row * self.width, (row + 1) * self.width)
-            values = self._read(name, pixels) if errors is None else errors[pixels, np.newaxis]
-            if find_pass(name).exposed and self.exposure != 1.0:
-                values = values * np.where(np.arange(values.shape[1]) < 3, self.exposure, 1.0)  # alpha is no light
-            picture[self.height - 1 - row] = np.clip(values, -LARGEST, LARGEST)  # float32 has no more
+        read = self.open_pass(name)
+        for row, pixels in enumerate(self.iterate_rows()):  # one at a time: there is no room for all in float64
+            picture[self.height - 1 - row] = read(pixels)
         return picture
 
-    def _read(self, name: str, pixels: slice) -> Floats:
+    def open_pass(self, name: str) -> Callable[[slice], NDArray[np.float32]]:
+        """Return what reads the values (n, channels) of a pass in some pixels, as `film[name]` has them."""
+        errors = smooth_errors(self)[:, np.newaxis] if name == "Error" else None
+
+        def read(pixels: slice) -> NDArray[np.float32]:
+            values = self.read_pixels(name, pixels) if errors is None else errors[pixels]
+            if find_pass(name).exposed and self.exposure != 1.0:
+                values = values * np.where(np.arange(values.shape[1]) < 3, self.exposure, 1.0)  # alpha is no light
+            return np.clip(values, -LARGEST, LARGEST).astype(np.float32)  # float32 has no more
+
+        return read
+
+    def read_pixels(self, name: str, pixels: slice) -> Floats:
         """Return the values (n, channels) of a pass other than Error in some pixels."""
         if name == "Sample Count":
-            return self.arrays[name][pixels].sum(axis=1, keepdims=True, dtype=np.float64)
+            return self.sums.counts.read(pixels).sum(axis=1, keepdims=True, dtype=np.float64)
         if find_pass(name).from_centre:
-            return self.arrays[name][pixels]
+            found: Floats = self.arrays[name][pixels]
+            return found
         if find_pass(name).matte:
             return self._read_matte(name, pixels)
         return self._show(name, lambda stored: self._average(stored, pixels))
@@ -288,7 +219,7 @@ class Film:
         table = sort_slots(self.arrays[matte_table(kind)][pixels])
         first = 4 * int(name.removeprefix(matte_pass(kind, 0)[:-2]))
         shown = table[:, first : first + 4].copy()
-        shown[:, 1::2] /= np.maximum(self.arrays["Sample Count"][pixels].sum(axis=1, keepdims=True), 1)
+        shown[:, 1::2] /= np.maximum(self.sums.counts.read(pixels).sum(axis=1, keepdims=True), 1)
         return shown
 
     def _show(self, name: str, average: Callable[[str], Floats]) -> Floats:
@@ -304,35 +235,23 @@ class Film:
 
     def _average(self, name: str, pixels: slice) -> Floats:
         """Return the mean (n, channels) of a pass in some pixels: of its samples, or adaptive of its replications."""
-        counts = self.arrays["Sample Count"][pixels]
+        counts = self.sums.counts.read(pixels)
         if self.pilot and counts.all():
             return (self._average_replication(name, pixels, 0) + self._average_replication(name, pixels, 1)) / 2.0
-        return self.arrays[name][pixels] / np.maximum(counts.sum(axis=1), 1)[:, np.newaxis]
+        return self.sums.read_mean(name, pixels) / np.maximum(counts.sum(axis=1), 1)[:, np.newaxis]
 
     def _average_replication(self, name: str, pixels: slice, replication: int) -> Floats:
-        sums = self.arrays[name + SECOND][pixels]
-        sums = sums if replication else self.arrays[name][pixels, : sums.shape[1]] - sums
-        return sums / np.maximum(self.arrays["Sample Count"][pixels, replication], 1)[:, np.newaxis]
+        sums = self.sums.read_mean(name, pixels, second=True)
+        sums = sums if replication else self.sums.read_mean(name, pixels) - sums
+        return sums / np.maximum(self.sums.counts.read(pixels)[:, replication], 1)[:, np.newaxis]
 
-    def _show_replication(self, pixels: slice, replication: int) -> Floats:
+    def show_replication(self, pixels: slice, replication: int) -> Floats:
         """Return Combined's colors (n, 3) in some pixels, as one replication alone has them."""
         return self._show("Combined", lambda stored: self._average_replication(stored, pixels, replication))[:, :3]
 
     def square_errors(self) -> Floats:
-        """Return (pixels,) estimates of the square of the error of Combined, the mean of its colors' channels.
-
-        Unbiased, each with one degree of freedom (`error`); inf where a replication has no sample.
-        """
-        squares = np.empty(self.width * self.height)
-        for start in range(0, len(squares), PART):
-            pixels = slice(start, start + PART)
-            counts = self.arrays["Sample Count"][pixels]
-            weight = weigh_difference(counts[:, 0], counts[:, 1], even=self.pilot > 0)
-            with np.errstate(over="ignore", invalid="ignore"):  # of what is infinite nothing is known
-                first, second = (self._show_replication(pixels, number) for number in range(2))
-                squares[pixels] = square_errors(first, second, weight).mean(axis=1)
-        squares[np.isnan(squares)] = np.inf
-        return squares
+        """Return (pixels,) estimates of the square of the error of Combined (`film_error.square_film`)."""
+        return np.concatenate([square_film(self, part) for part in iterate_parts(self.width * self.height, PART)])
 
     def measure_error(self) -> PictureError:
         """Return how wrong Combined is, by what its samples say; all is unknown (inf) before the second sample.
@@ -342,22 +261,9 @@ class Film:
         KeyError
             If the film does not hold Combined.
         """
-        if "Combined" not in self._means:
+        if "Combined" not in self.arrays:
             raise KeyError(f"the film has no pass 'Combined', which has an error; it has {', '.join(self.names)}")
-        with np.errstate(over="ignore", invalid="ignore"):  # of what is infinite nothing is known
-            level = np.mean([self._read("Combined", pixels)[:, :3].mean() for pixels in self._rows()])
-        sides = [side for side in (self.interleaving, self.time_side) if side]
-        return measure_error(
-            self.square_errors(), float(level), self.width, min(sides, default=0), self._measure_scatter()
-        )
-
-    def _measure_scatter(self) -> Scatter | None:
-        """Return how Combined's samples scatter; None where what shadow catchers show is no mean of samples."""
-        if self.catches:
-            return None
-        with np.errstate(over="ignore", invalid="ignore"):
-            sums = mean_column(self.arrays["Combined"][:, :3])
-            return measure_scatter(sums, self.arrays[SQUARES][:, 0], self.arrays[COUNTS], self.near_misses)
+        return measure_film(self)
 
     @property
     def error(self) -> float:
@@ -369,18 +275,6 @@ class Film:
         """(low, high), which hold the error of this picture with 95% confidence."""
         return self.measure_error().interval
 
-    def _rows(self) -> Iterator[slice]:
-        return (slice(start, start + self.width) for start in range(0, self.width * self.height, self.width))
-
-    def _smooth_errors(self) -> Floats:
-        """Return (pixels,) standard errors of Combined.
-
-        One pixel's own estimate says little. Neighbors scatter alike, from sample to sample; so they share what they
-        know of that, and each divides it by its own number of samples.
-        """
-        first, second = self.arrays["Sample Count"].T.astype(np.float64)
-        counts = first * second / np.maximum(first + second, 1.0)
-        scatter = (self.square_errors() * np.maximum(counts, 0.5)).reshape(self.height, self.width)
-        for _ in range(SHARED):
-            scatter = share_with_neighbors(scatter)
-        return np.sqrt(scatter.ravel() / np.maximum(counts, 0.5))
+    def iterate_rows(self) -> Iterator[slice]:
+        """Yield the pixels of one row after the other, from the lowest up."""
+        return iterate_parts(self.width * self.height, self.width)

@@ -8,23 +8,28 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raytracer.files.archive import Archive, open_archive, take_table, write_archive
+from raytracer.film.counts import MOST_RUNS
 from raytracer.film.film import Film, Statistics
 from raytracer.film.passes import is_pass
 from raytracer.film.picture_key import PictureKey, restore_key
 from raytracer.film.unmet import STEPS
 from raytracer.scene.scene_file import is_scene_file
 
-FILE_FORMAT = "reference-raytracer-film-1"
+FILE_FORMAT = "reference-raytracer-film-2"
 
 # Fields of a film that are no part of what it is and how far.
 NOT_STORED = ("statistics", "key", "label")
+# How many samples pixels have: of each pixel, or where there are few, of runs of pixels (`SampleCounts.list_runs`).
+COUNTS, RUNS = "Sample Count", "Sample Count of Runs"
 # Pixels are numbered in 32 bits (`Settings`).
 MOST_PIXELS = 2**32
 
@@ -62,9 +67,11 @@ def save_film(film: Film, path: str | Path) -> None:
         "scene": film.key.scene,
         "film": fields,
         "statistics": dataclasses.asdict(film.statistics),
-        "arrays": list(film.arrays),
+        "arrays": sorted(film.arrays),
     }
-    write_archive(path, {"outline": np.array(json.dumps(outline)), **film.arrays})
+    counts = film.sums.counts
+    numbers = {RUNS: counts.list_runs()} if counts.is_by_runs else {COUNTS: counts.spread()}
+    write_archive(path, {"outline": np.array(json.dumps(outline)), **film.arrays, **numbers})
 
 
 def load_film(path: str | Path) -> Film:
@@ -135,10 +142,30 @@ def restore_picture_key(outline: dict[str, Any]) -> PictureKey:
 
 def read_arrays(film: Film, outline: dict[str, Any], archive: Archive) -> None:
     """Fill the film with the arrays of a file."""
-    if outline.get("arrays") != list(film.arrays):
-        raise ValueError(f"arrays named {outline.get('arrays')}")
+    sums, stored = film.sums, outline.get("arrays")
+    names = set(stored) if isinstance(stored, list) else set()
+    for group in (sums.alphas, sums.differences):
+        if names.issuperset(group):
+            sums.hold(group)
+    if names != set(film.arrays):
+        raise ValueError(f"arrays named {stored}")
     for name, array in film.arrays.items():
-        stored = archive.read(name, array.nbytes, keep=False)
-        if stored.shape != array.shape or stored.dtype != array.dtype:
-            raise ValueError(f"{name} of {stored.shape} {stored.dtype}, not {array.shape} {array.dtype}")
-        array[...] = stored
+        array[...] = read_array(archive, name, array.shape, array.dtype)
+    pixels = film.width * film.height
+    if archive.has(RUNS):
+        runs = archive.read(RUNS, 3 * 8 * MOST_RUNS, keep=False)
+        if runs.ndim != 2 or runs.shape[1] != 3 or runs.dtype != np.int64:
+            raise ValueError(f"{RUNS} of {runs.shape} {runs.dtype}")
+        film.sums.counts.set_runs(runs)
+    else:
+        film.sums.counts.put(slice(None), read_array(archive, COUNTS, (pixels, 2), np.dtype(np.int32)))
+    if sums.differences and not names.issuperset(sums.differences) and sums.counts.find_most() > 1:
+        raise ValueError(f"arrays named {stored}, of pixels with several samples")
+
+
+def read_array(archive: Archive, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return an array of a file, or raise ValueError where it is of another shape or type."""
+    array = archive.read(name, math.prod(shape) * dtype.itemsize, keep=False)
+    if array.shape != shape or array.dtype != dtype:
+        raise ValueError(f"{name} of {array.shape} {array.dtype}, not {shape} {dtype}")
+    return array

@@ -94,9 +94,7 @@ def merge(films: Sequence[Film]) -> Film:
         statistics=add_statistics(films),
     )
     for film in films:
-        pixels = number_pixels(film, x_min, y_min, whole.width)
-        for name, array in whole.arrays.items():
-            array[pixels] = film.arrays[name]
+        whole.sums.take(number_pixels(film, x_min, y_min, whole.width), film.sums, slice(None))
     return whole
 
 

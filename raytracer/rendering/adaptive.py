@@ -14,7 +14,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from raytracer.arrays.types import Floats, Indices, Words
-from raytracer.film.film import COUNTS, PILOT, Film, split_pilot
+from raytracer.film.film import Film
+from raytracer.film.sums import PILOT, split_pilot
 from raytracer.integrator.settings import Settings
 from raytracer.rendering.allocation import Scatter, allocate, measure_scatter
 from raytracer.rendering.block_plan import BlockPlan
@@ -103,7 +104,7 @@ def check_counts(film: Film, window: FrameWindow, seed: int) -> None:
     expected = count_listed(density, offset, film.samples, film.pilot)
     pixels, numbers = list_sweep(density, offset, film.samples, film.pilot)
     np.add.at(expected, (pixels[: film.ahead], numbers[: film.ahead] % REPLICATIONS), 1)
-    if not np.array_equal(film.arrays[COUNTS], expected):
+    if not np.array_equal(film.sums.counts.read(slice(None)), expected):
         raise ValueError(
             f"{film.label or 'film'} cannot go on: its samples are not those that its pilot asks for, as those of "
             "adaptive tiles that were merged are not; render them to the end before they are merged"

@@ -293,7 +293,7 @@ def hand_out(film: Film, blocks: Iterable[Block | ListedBlock]) -> Iterator[Bloc
     for block in blocks:
         if isinstance(block, Block) and block.samples > 1:
             strip = film.cut_strip(block.pixels)
-            if (strip.arrays["Sample Count"].sum(axis=1) == block.sample).all():
+            if (strip.sums.counts.read(slice(None)).sum(axis=1) == block.sample).all():
                 block = replace(block, strip=strip)
         yield block
 

@@ -2,7 +2,7 @@
 
 `render(..., workers=DaskPool(client))` moves the scene once, and every sample of every pixel back, or from some workers
 on sums of several (`block_plan.GATHERED`): good for some tens of workers on a quick network. `render_on` moves a tile's
-film back once: some 70 bytes for each pixel of Combined, however many samples it has. Workers are lost and come back as
+film back once: 40 bytes for each pixel of Combined, however many samples it has. Workers are lost and come back as
 they like: the bits are the same.
 """
 
@@ -19,6 +19,7 @@ from raytracer.casting.caster import Caster, build
 from raytracer.casting.rays import Hits
 from raytracer.film.film import Film, Statistics
 from raytracer.film.parts import merge
+from raytracer.film.sums import Sums
 from raytracer.integrator.settings import Settings
 from raytracer.processes.dask_pool import take_result
 from raytracer.rendering.render import prepare_film, render
@@ -77,12 +78,12 @@ def render_on(
 
 def render_tile(
     scene: str | Scene, width: int, height: int, samples: int, tile: tuple[int, int], settings: dict[str, Any]
-) -> tuple[dict[str, Any], int, Statistics]:
-    """Render a tile in a process of the cluster; return its film's arrays, its samples, and what it took."""
+) -> tuple[Sums, int, Statistics]:
+    """Render a tile in a process of the cluster; return its film's sums, its samples, and what it took."""
     opened = load_once(scene, os.stat(scene).st_mtime_ns) if isinstance(scene, str) else scene
     caster = build_once(opened, settings.get("precision", Settings.precision))
     film = render(opened, width, height, samples, caster=caster, **{**settings, "tile": tile})
-    return film.arrays, film.samples, film.statistics
+    return film.sums, film.samples, film.statistics
 
 
 @lru_cache(maxsize=1)
@@ -97,11 +98,9 @@ def build_once(scene: Scene, precision: str) -> Caster:
     return build(scene, precision)
 
 
-def fill_film(film: Film, arrays: dict[str, Any], samples: int, statistics: Statistics) -> Film:
+def fill_film(film: Film, sums: Sums, samples: int, statistics: Statistics) -> Film:
     """Return an empty film with what another process added up."""
-    for name, array in film.arrays.items():
-        array[...] = arrays[name]
-    film.samples, film.statistics = samples, statistics
+    film.sums, film.samples, film.statistics = sums, samples, statistics
     return film
 
 

@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any
 
 from raytracer.casting.caster import Caster, build
-from raytracer.film.film import COUNTS, Film
+from raytracer.film.film import Film
 from raytracer.film.passes import select_passes
 from raytracer.film.picture_key import PictureKey, describe_difference
 from raytracer.integrator.features import derive_features
@@ -200,9 +200,9 @@ def continue_film(film: Film, new: Film) -> Film:
 def check_even_counts(film: Film) -> None:
     """Raise ValueError unless all pixels of a film have as many samples as it has finished sweeps, and the first ones
     those of the next: not so where tiles were ended by an error, and merged."""
-    counts = film.arrays[COUNTS].sum(axis=1)
-    counts[: film.ahead] -= film.ahead_samples
-    if (counts != film.samples).any():
+    counts = film.sums.counts
+    ahead, others = counts.read(slice(0, film.ahead)), counts.read(slice(film.ahead, None))
+    if (ahead.sum(axis=1) != film.samples + film.ahead_samples).any() or (others.sum(axis=1) != film.samples).any():
         raise ValueError(
             f"{film.label or 'film'} cannot go on: its tiles were ended at different numbers of samples; let them go "
             "on before they are merged"

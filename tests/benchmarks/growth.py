@@ -119,8 +119,10 @@ def show_adding() -> str:
         for passes in (("Combined",), ("Combined", "Normal", "Diffuse Color", "Diffuse Direct", "Diffuse Indirect")):
             settings = Settings(samples=48, passes=passes, workers=40)
             film = Film(window.width, window.height, passes, samples=16)
+            film.sums.hold(film.sums.differences)
             for array in film.arrays.values():
                 array[...] = 8  # memory that earlier samples have been written to
+            film.sums.counts.put(slice(None), np.full((window.width * window.height, 2), 8, dtype=np.int32))
             workers.load(Sender, passes)
             plan = plan_blocks(raytracer.Scene(), film, window, settings, None)
             started, first = time.process_time(), film.samples

@@ -21,7 +21,7 @@ class Sender:
         """Return its strip, or each sample of its pixels."""
         count = len(block) * block.samples
         if block.strip is not None:
-            block.strip.arrays["Sample Count"] += block.samples // 2
+            block.strip.sums.counts.spread()[...] += block.samples // 2
             return BlockResult(block, {}, None, count, BLOCK_SECONDS)
         if count not in self.values:
             self.values[count] = {name: np.ones((count, find_pass(name).channels)) for name in self.passes}

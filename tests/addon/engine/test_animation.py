@@ -123,8 +123,8 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
         def __exit__(self, *_: Any) -> None:
             pass
 
-        def write(self, passes: Any) -> None:
-            asked["passes"] = passes
+        def write_film(self, film: Any, uses_up: bool) -> None:
+            asked["uses_up"] = uses_up
 
         def note(self, fields: Any) -> None:
             assert not list(fields)

@@ -7,13 +7,15 @@ from raytracer.film.error import (
     PictureError,
     count_freedom,
     count_holders,
+    find_deviations,
     measure_error,
-    measure_scatter,
     share_with_neighbors,
     spread_ratio,
+    spread_samples,
     student_quantile,
 )
 from raytracer.film.film import Film
+from raytracer.film.pixel_parts import Parts, sum_squares
 from raytracer.film.unmet import add_near_misses, count_near_misses, find_unmet
 
 WIDTH, HEIGHT = 40, 30
@@ -35,7 +37,7 @@ def scatter(rng, count, sigma=1.0):
 
 
 def measure_truth(film: Film) -> float:
-    colors = film.arrays["Combined"][:, :3] / film.arrays["Sample Count"].sum(axis=1)[:, np.newaxis]
+    colors = film.arrays["Combined"][:, :3] / film.sums.counts.read(slice(None)).sum(axis=1)[:, np.newaxis]
     return float(np.sqrt(((colors - 5.0) ** 2).mean()) / colors.mean())
 
 
@@ -71,7 +73,7 @@ def test_a_picture_without_noise_has_no_error():
 
 
 def test_noise_around_black_has_no_relative_error():
-    assert measure_error(np.ones(4), 0.0, 2).error == np.inf
+    assert measure_error(Parts(4, np.ones(4).__getitem__), 0.0, 2).error == np.inf
 
 
 def test_what_is_too_large_to_be_counted_leaves_the_error_unknown():
@@ -143,10 +145,10 @@ def test_scatter_is_that_of_independent_samples(rng):
     """s^2 (1 / m + 1 / n) / 4 of m and n samples; and none of a constant, however large, nor of sums that overflow."""
     values = rng.random((7, 5))
     counts = np.tile([5, 2], (5, 1))
-    found = measure_scatter(values.sum(axis=0), (values**2).sum(axis=0), counts).squares
+    found = spread_samples(find_deviations(values.sum(axis=0), (values**2).sum(axis=0), counts), counts)
     np.testing.assert_allclose(found, values.var(axis=0, ddof=1) * (1 / 5 + 1 / 2) / 4, rtol=1e-13)  # sums of 7 numbers
     constant = np.full(5, 1.1e5)
-    assert not measure_scatter(7 * constant, 7 * constant**2, counts).squares.any()
+    assert not find_deviations(7 * constant, 7 * constant**2, counts).any()
 
 
 def test_light_that_no_sample_has_met_widens_the_interval_and_is_named(rng):
@@ -186,7 +188,7 @@ def test_near_misses_add_up_in_any_order(rng):
 
 def test_noisiest_pixels_are_left_out_of_the_second_number():
     squares = np.r_[np.full(98, 4.0), 100.0, 0.0]
-    found = measure_error(squares, 2.0, 10)
+    found = measure_error(Parts(100, squares.__getitem__), 2.0, 10)
     assert found.error == pytest.approx(np.sqrt(squares.mean()) / 2)
     assert found.error_p99 == pytest.approx(np.sqrt(squares[squares < 100].mean()) / 2)
 
@@ -210,7 +212,7 @@ def test_one_pixel_alone_says_nothing_of_the_interval():
 
 def test_degrees_of_freedom_are_the_number_of_even_pixels(rng):
     squares = rng.chisquare(1, PIXELS)
-    assert count_freedom(squares, WIDTH, 0) == pytest.approx(PIXELS, rel=0.25)
+    assert count_freedom(sum_squares(Parts(PIXELS, squares.__getitem__), WIDTH)) == pytest.approx(PIXELS, rel=0.25)
 
 
 @pytest.mark.parametrize("side", [2, 3, 4])
@@ -218,9 +220,13 @@ def test_pixels_that_are_wrong_together_count_less(rng, side):
     """Sets of pixels, each of which shares one error: about as many degrees of freedom as sets, not as pixels."""
     row, column = np.divmod(np.arange(PIXELS), WIDTH)
     member = row % side * side + column % side
-    freedoms = [count_freedom(rng.chisquare(1, side**2)[member], WIDTH, side) for _ in range(200)]
+
+    def count(squares):
+        return count_freedom(sum_squares(Parts(PIXELS, squares.__getitem__), WIDTH, side))
+
+    freedoms = [count(rng.chisquare(1, side**2)[member]) for _ in range(200)]
     assert np.median(freedoms) < 3 * side**2
-    assert np.median([count_freedom(rng.chisquare(1, PIXELS), WIDTH, side) for _ in range(200)]) > PIXELS / 4
+    assert np.median([count(rng.chisquare(1, PIXELS)) for _ in range(200)]) > PIXELS / 4
 
 
 @pytest.mark.parametrize("side", [1, 2, 3, 4])

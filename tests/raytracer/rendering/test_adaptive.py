@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.film.film import PILOT, Film
+from raytracer.film.film import Film
+from raytracer.film.sums import PILOT
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import adaptive

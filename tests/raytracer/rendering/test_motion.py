@@ -305,7 +305,7 @@ def make_shaded_world():
 def test_adaptive_samples_are_even_where_something_moves():
     film = render(make_moving_scene(), 12, 6, 20, adaptive=True)
     assert film.pilot == 0
-    assert (film.arrays["Sample Count"].sum(axis=1) == 20).all()
+    assert (film.sums.counts.read(slice(None)).sum(axis=1) == 20).all()
 
 
 def test_a_picture_in_which_nothing_moves_pays_nothing(monkeypatch):

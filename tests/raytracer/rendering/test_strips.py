@@ -120,4 +120,4 @@ def test_a_strip_holds_its_pixels_and_no_others():
     strip.add(slice(None), {"Combined": np.ones((3, 4))}, 0)
     film.put_strip(slice(2, 5), strip)
     assert film.arrays["Combined"][:, 0].tolist() == [0, 4, 9, 13, 17, 20, 24, 28]
-    assert film.arrays["Sample Count"].sum(axis=1).tolist() == [1, 1, 2, 2, 2, 1, 1, 1]
+    assert film.sums.counts.read(slice(None)).sum(axis=1).tolist() == [1, 1, 2, 2, 2, 1, 1, 1]
