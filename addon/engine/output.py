@@ -17,7 +17,7 @@ from raytracer.film.film import Film
 from ..versions import blender_pass_name
 
 # Pixels that are handed over at a time: a whole picture beside the film and Blender's own would be one too many.
-STRIP = 1 << 18
+STRIP = 1 << 17
 
 
 class Border(NamedTuple):

@@ -86,9 +86,10 @@ class SampleCounts:
             raise ValueError(f"runs of pixels that do not make {self.pixels}")
         self._each, self._stops, self._runs = None, runs[:, 0].astype(np.intp), runs[:, 1:].astype(np.int32)
 
-    def find_most(self) -> int:
-        """Return the most samples of a pixel."""
-        return int((self._runs if self._each is None else self._each).sum(axis=1).max())
+    def find_most(self) -> tuple[int, int]:
+        """Return the most samples of a pixel, and the most of one of its replications."""
+        counts = self._runs if self._each is None else self._each
+        return int(counts.sum(axis=1).max()), int(counts.max())
 
     def spread(self) -> Counts:
         """Return the numbers (pixels, 2) themselves, which each pixel has of its own from now on."""

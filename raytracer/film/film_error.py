@@ -6,7 +6,8 @@ anew.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import Protocol
 
 import numpy as np
 
@@ -27,16 +28,35 @@ from raytracer.film.pixel_parts import PART, Parts
 from raytracer.film.sums import DEVIATIONS, DIFFERENCE, SQUARES, Sums
 from raytracer.film.unmet import find_unmet
 
-if TYPE_CHECKING:
-    from raytracer.film.film import Film
-
 # How often estimates of pixels are shared with neighbors. Once, 1.96 standard errors hold 90% of the errors of pixels
 # that are no fireflies, twice 92 to 94%, three times 92 to 95%, but edges are spread wider.
 SHARED = 2
 FLOAT32_ROUNDOFF = float(np.finfo(np.float32).eps) / 2.0
 
 
-def measure_film(film: Film) -> PictureError:
+class SummedFilm(Protocol):
+    """What a film tells its error from; fields as those of `Film`."""
+
+    width: int
+    height: int
+    catches: bool
+    interleaving: int
+    time_side: int
+    near_misses: tuple[int, ...]
+    pilot: int
+    sums: Sums
+
+    def iterate_rows(self) -> Iterator[slice]:
+        """Yield the pixels of one row after the other."""
+
+    def read_pixels(self, name: str, pixels: slice) -> Floats:
+        """Return the values (n, channels) of a pass in some pixels."""
+
+    def show_replication(self, pixels: slice, replication: int) -> Floats:
+        """Return Combined's colors (n, 3) in some pixels, as one replication alone has them."""
+
+
+def measure_film(film: SummedFilm) -> PictureError:
     """Return how wrong a film's Combined is; all is unknown (inf) before the second sample of each pixel."""
     if not np.isfinite(square_film(film, slice(0, 1))).all():
         return PictureError()
@@ -47,7 +67,7 @@ def measure_film(film: Film) -> PictureError:
     return measure_error(squares, float(level), film.width, min(sides, default=0), measure_scatter(film))
 
 
-def square_film(film: Film, pixels: slice) -> Floats:
+def square_film(film: SummedFilm, pixels: slice) -> Floats:
     """Return (n,) estimates of the square of the error of Combined in some pixels, the mean of its colors' channels.
 
     Unbiased, each with one degree of freedom (`error`); inf where a replication has no sample.
@@ -55,7 +75,7 @@ def square_film(film: Film, pixels: slice) -> Floats:
     counts = film.sums.counts.read(pixels)
     weight = weigh_difference(counts[:, 0], counts[:, 1], even=film.pilot > 0)
     with np.errstate(over="ignore", invalid="ignore"):  # of what is infinite nothing is known
-        if film.sums.differences:
+        if film.sums.tells_difference:
             squares = square_differences(film.sums, pixels, counts, weight).mean(axis=1)
         else:
             first, second = (film.show_replication(pixels, number) for number in range(2))
@@ -78,7 +98,7 @@ def square_differences(sums: Sums, pixels: slice, counts: Counts, weight: Floats
     return square_errors(means, np.zeros_like(means), weight)
 
 
-def measure_scatter(film: Film) -> Scatter | None:
+def measure_scatter(film: SummedFilm) -> Scatter | None:
     """Return how Combined's samples scatter; None where what shadow catchers show is no mean of samples."""
     if film.catches:
         return None
@@ -105,7 +125,7 @@ def read_deviations(sums: Sums, pixels: slice) -> Floats:
         return np.where(deviations > count * rounding * rounding, deviations, 0.0)
 
 
-def smooth_errors(film: Film) -> Floats:
+def smooth_errors(film: SummedFilm) -> Floats:
     """Return (pixels,) standard errors of Combined.
 
     One pixel's own estimate says little. Neighbors scatter alike, from sample to sample; so they share what they
@@ -113,7 +133,8 @@ def smooth_errors(film: Film) -> Floats:
     """
     first, second = film.sums.counts.read(slice(None)).T.astype(np.float64)
     counts = first * second / np.maximum(first + second, 1.0)
-    scatter = (film.square_errors() * np.maximum(counts, 0.5)).reshape(film.height, film.width)
+    squares = np.concatenate([square_film(film, part) for part in iterate_parts(len(counts), PART)])
+    scatter = (squares * np.maximum(counts, 0.5)).reshape(film.height, film.width)
     for _ in range(SHARED):
         scatter = share_with_neighbors(scatter)
     return np.sqrt(scatter.ravel() / np.maximum(counts, 0.5))

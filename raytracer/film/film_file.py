@@ -21,6 +21,7 @@ from raytracer.film.counts import MOST_RUNS
 from raytracer.film.film import Film, Statistics
 from raytracer.film.passes import is_pass
 from raytracer.film.picture_key import PictureKey, restore_key
+from raytracer.film.sums import DEVIATIONS, DIFFERENCE
 from raytracer.film.unmet import STEPS
 from raytracer.scene.scene_file import is_scene_file
 
@@ -144,7 +145,8 @@ def read_arrays(film: Film, outline: dict[str, Any], archive: Archive) -> None:
     """Fill the film with the arrays of a file."""
     sums, stored = film.sums, outline.get("arrays")
     names = set(stored) if isinstance(stored, list) else set()
-    for group in (sums.alphas, sums.differences):
+    optional = [sums.alphas, *([name] for name in (DIFFERENCE, DEVIATIONS) if sums.tells_difference)]
+    for group in optional:
         if names.issuperset(group):
             sums.hold(group)
     if names != set(film.arrays):
@@ -159,8 +161,8 @@ def read_arrays(film: Film, outline: dict[str, Any], archive: Archive) -> None:
         film.sums.counts.set_runs(runs)
     else:
         film.sums.counts.put(slice(None), read_array(archive, COUNTS, (pixels, 2), np.dtype(np.int32)))
-    if sums.differences and not names.issuperset(sums.differences) and sums.counts.find_most() > 1:
-        raise ValueError(f"arrays named {stored}, of pixels with several samples")
+    if not sums.is_complete():
+        raise ValueError(f"arrays named {stored}, which are too few for its numbers of samples")
 
 
 def read_array(archive: Archive, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

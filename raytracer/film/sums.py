@@ -3,7 +3,7 @@
 Sums are float64. Of Combined 24 bytes a pixel are held, three colors, and what follows from them is not:
 
     alpha, while every sample has had an alpha of 1: it is their number then;
-    what tells the error, before the second sample of a pixel;
+    what tells the error, before the second sample of a pixel, and half of it before the third;
     how many samples each pixel has, where runs of pixels have as many (`counts`).
 
 What tells the error is held in float32, 16 bytes: of each color the difference D of the sums of both replications, and
@@ -82,9 +82,9 @@ class Sums:
         # Passes of which the second replication's sum is held: all that the picture is made of.
         shown = ("Combined", CAUGHT) if CAUGHT in means else ()
         self.seconds = tuple(name for name in means if pilot or name in shown)
-        # What follows from other arrays at first, and is held together.
+        # What follows from other arrays at first: alphas together, and where there is no second sum, the difference.
         self.alphas = (ALPHA, ALPHA + SECOND)[: 1 + bool(self.seconds)] if "Combined" in means else ()
-        self.differences = (DIFFERENCE, DEVIATIONS) if self.alphas and not self.seconds else ()
+        self.tells_difference = bool(self.alphas) and not self.seconds
         self.arrays: dict[str, NDArray[Any]] = {}
         for name in (*means, *centre):
             self.arrays[name] = np.zeros((pixels, count_channels(name)))
@@ -128,26 +128,28 @@ class Sums:
             added.append((ALPHA, alpha))
         if self._pilot:
             added.append((SQUARES, square_means(colors)))
-        if self.differences:
+        if self.tells_difference:
             added += self._compare(pixels, colors, replication)
         return added
 
     def _compare(self, pixels: slice | Indices, colors: Floats, replication: int) -> list[tuple[str, NDArray[Any]]]:
         """Return what colors (n, 3) add to the difference of replications and to squared deviations."""
-        count = self.counts.read(pixels).sum(axis=1)
-        if DIFFERENCE not in self.arrays:
-            if not count.any():
-                return []
-            self.hold(self.differences)
+        counts = self.counts.read(pixels)
+        count = counts.sum(axis=1)
+        if DIFFERENCE not in self.arrays and count.any():
+            self.hold([DIFFERENCE])
+        if DEVIATIONS not in self.arrays and counts[:, replication].any():
+            self.hold([DEVIATIONS])
         with np.errstate(over="ignore", invalid="ignore"):  # of what is infinite nothing is known
             before = mean_column(self.arrays["Combined"][pixels]) / np.maximum(count, 1)
             deviation = mean_column(colors) - before
             deviation *= deviation * (count / (count + 1.0))
             signed = colors.astype(np.float32)
-            return [
-                (DIFFERENCE, np.negative(signed, out=signed) if replication else signed),
-                (DEVIATIONS, deviation[:, np.newaxis].astype(np.float32)),
-            ]
+            added = {
+                DIFFERENCE: np.negative(signed, out=signed) if replication else signed,
+                DEVIATIONS: deviation[:, np.newaxis].astype(np.float32),
+            }
+        return [(name, part) for name, part in added.items() if name in self.arrays]
 
     def _add_matte(self, name: str, pixels: slice | Indices, values: Floats, repeated: bool) -> None:
         rows = np.arange(len(self.arrays[name]))[pixels]
@@ -183,13 +185,22 @@ class Sums:
             return counts[:, 1:].astype(np.float64)
         if name == DIFFERENCE:  # of one sample at most, of the one or the other replication
             return round_sums(self.arrays["Combined"][pixels], counts)
-        return np.zeros((len(counts), CHANNELS[name]), np.float32)
+        # Of one sample x and y of each replication at most: (x - y)^2 / 2.
+        with np.errstate(over="ignore", invalid="ignore"):
+            apart = np.where((counts > 0).all(axis=1), mean_column(self.read(DIFFERENCE, pixels)), np.float32(0.0))
+            return (apart * apart / np.float32(2.0))[:, np.newaxis]
 
     def read_mean(self, name: str, pixels: slice, second: bool = False) -> Floats:
         """Return the sums (n, channels) of a pass, all of its channels; second : of the second replication alone."""
         end = SECOND if second else ""
         found: Floats = self.arrays[name + end][pixels]
         return np.concatenate([found, self.read(ALPHA + end, pixels)], axis=1) if name == "Combined" else found
+
+    def is_complete(self) -> bool:
+        """Return whether what tells the error is held, or follows from the rest."""
+        held = DIFFERENCE in self.arrays, DEVIATIONS in self.arrays
+        most, most_of_one = self.counts.find_most()
+        return not self.tells_difference or ((held[0] or most < 2) and (held[1] or most_of_one < 2))
 
     def cut_off(self, pixels: int) -> None:
         """Let go of all pixels but the first ones."""
@@ -200,9 +211,9 @@ class Sums:
     def take(self, pixels: slice | Indices, other: Sums, taken: slice | Indices) -> None:
         """Put what other pixels have, those `taken` of another film, in place of what some have; of arrays that both
         can have."""
-        for names in (self.alphas, self.differences):
-            if any(name in other.arrays and name not in self.arrays for name in names):
-                self.hold(names)
+        for name in CHANNELS:
+            if name in other.arrays and name not in self.arrays:
+                self.hold([name])
         for name, array in self.arrays.items():
             if name in other.arrays or name in CHANNELS:
                 array[pixels] = other.read(name, taken)

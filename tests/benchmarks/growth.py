@@ -21,6 +21,7 @@ import numpy as np
 import raytracer
 from raytracer.film.film import Film
 from raytracer.film.film_picture import save_picture
+from raytracer.film.sums import DEVIATIONS, DIFFERENCE
 from raytracer.integrator.settings import Settings
 from raytracer.processes.python import ONE_THREAD
 from raytracer.processes.workers import Workers
@@ -119,7 +120,7 @@ def show_adding() -> str:
         for passes in (("Combined",), ("Combined", "Normal", "Diffuse Color", "Diffuse Direct", "Diffuse Indirect")):
             settings = Settings(samples=48, passes=passes, workers=40)
             film = Film(window.width, window.height, passes, samples=16)
-            film.sums.hold(film.sums.differences)
+            film.sums.hold((DIFFERENCE, DEVIATIONS))
             for array in film.arrays.values():
                 array[...] = 8  # memory that earlier samples have been written to
             film.sums.counts.put(slice(None), np.full((window.width * window.height, 2), 8, dtype=np.int32))
