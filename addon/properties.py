@@ -118,7 +118,7 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
     use_adaptive_sampling: BoolProperty(  # type: ignore[valid-type]
         name="Adaptive Sampling",
         description="Give more samples to noisy pixels, at the cost of as many even ones; the picture stays right on "
-        "average. From 32 samples on",
+        "average. Fewer than 32 samples of a pixel, or 260,000 in all, stay even",
         default=False,
     )
     samples: IntProperty(  # type: ignore[valid-type]

@@ -42,12 +42,20 @@ class AdaptivePlan(BlockPlan):
         yield iter(self)
         if self._film.samples >= self._film.pilot:
             self.sweeps = self._total
+            self._join_rest()
             density = decide_density(self._film)
             if (density == 1.0).all():  # as if there had been no pilot: whole sweeps take less time than lists
                 self._done = self._film.samples, self._film.ahead, self._film.ahead_samples
                 yield iter(self)
             else:
                 yield self._list_blocks(density)
+
+    def _join_rest(self) -> None:
+        """Have one block for what follows the pilot, where there is room for it and nobody to share it with: the pilot
+        has taken one that even samples have not."""
+        rest = (self.sweeps - self._film.samples) * self.pixels
+        if self._workers == 1 and rest <= self._largest:
+            self._size = self._largest
 
     def ends_sweep(self, block: Block | ListedBlock) -> bool:
         """Return True where at least one sweep is done with this block."""

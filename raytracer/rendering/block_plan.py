@@ -71,10 +71,13 @@ class BlockPlan:
         self._done = (done, ahead, ahead_samples)
         self._largest = largest
         self._size = min(largest, USUAL_BLOCK)
+        self._has_begun = False
 
     def __iter__(self) -> Iterator[Block]:
         sample, start, together = self._done
         first = FIRST_BLOCK if self.pixels * self.sweeps > LONG_WORK else USUAL_BLOCK
+        if self._has_begun:  # with a pilot, whose pace is known
+            first = self._largest
         while sample < self.sweeps:
             size, first = min(self._size, first, self._share(sample, start)), 2 * first
             if start == 0:
@@ -106,6 +109,7 @@ class BlockPlan:
 
     def observe(self, result: BlockResult) -> None:
         """Set the size of the next blocks by how long this one took; at most twice its size."""
+        self._has_begun = True
         size = len(result.block) * result.block.samples
         if size < self._size // 2:
             return  # the short rest of a sweep says little about the others

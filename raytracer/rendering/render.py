@@ -120,7 +120,7 @@ def render(
             tell(f"Starting {chosen.workers} workers")
             pool = stack.enter_context(Workers(chosen.workers))
         make_tracer = None if scene.motion is None else MovingTracer
-        arguments = (scene, caster, window, chosen)
+        arguments = (scene, caster, window, chosen if film.pilot else replace(chosen, adaptive=False))
         phases = plan.phases() if pool is None else (hand_out(film, blocks) for blocks in plan.phases())
         results = trace_blocks(pool, arguments, phases, is_cancelled or _never, tell, make_tracer)
         ending = Ending(chosen, limit_sweeps(chosen, until), time.perf_counter(), film.samples)
@@ -159,6 +159,7 @@ def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
     full = (0, 0, window.full_width, window.full_height)
     size = {"width": window.full_width, "height": window.full_height, "interleaving": window.interleaving}
     sweeps = count_sweeps(settings)
+    x_min, y_min, x_max, y_max = whole = settings.border or full
     is_adaptive = settings.adaptive and "Combined" in select_passes(settings.passes, from_centre=False)
     is_adaptive &= scene.motion is None  # pixels with different numbers of samples have no times to share
     return Film(
@@ -169,11 +170,11 @@ def begin_film(scene: Scene, window: FrameWindow, settings: Settings) -> Film:
         interleaving=window.interleaving,
         time_side=find_time_side(scene, window),
         exposure=settings.exposure,
-        pilot=choose_pilot(sweeps) if is_adaptive else 0,
+        pilot=choose_pilot(sweeps, (x_max - x_min) * (y_max - y_min)) if is_adaptive else 0,
         total=sweeps,
         left=window.x_min,
         bottom=window.y_min,
-        border=settings.border if settings.tile and settings.border != full else None,
+        border=whole if settings.tile and whole != full else None,
         key=PictureKey({**size, **choices}, partial(digest_scene, scene)),
     )
 

@@ -43,10 +43,10 @@ measures. +- is one standard error (jackknife over the renders). *path* follows 
 
 *Cycles*, *Cycles adaptive*: over our uniform samples; *both adaptive*: both with adaptive sampling; *ours uniform over
 adaptive*: what our own brings. Cycles' stops early where it sees little noise; its threshold, 1 / samples, lets it
-begin at some 60 samples; the bias of that is not in the noise. Ours is unbiased, and begins at 32. p: error c N^-p over
-the samples rendered. us / sample: microseconds for one sample of one pixel; start: seconds of a render without samples;
-process: seconds of a whole process for one sample. In small pictures NumPy's calls are a large part of our time, and
-more so of adaptive samples, which take more blocks.
+begin at some 60 samples; the bias of that is not in the noise. Ours is unbiased, and begins at 32 of
+a pixel and 2^18 in all. p: error c N^-p over the samples rendered. us / sample: microseconds for one sample of one
+pixel; start: seconds of a render without samples; process: seconds of a whole process for one sample. In small pictures
+NumPy's calls are a large part of our time.
 
 ![equal_error](equal_error.png)
 

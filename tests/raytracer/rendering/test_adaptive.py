@@ -8,22 +8,25 @@ from raytracer.film.film import Film
 from raytracer.film.sums import PILOT
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
-from raytracer.rendering import adaptive
-from raytracer.rendering.adaptive import cut_lists, list_sweep
+from raytracer.rendering import adaptive, allocation
+from raytracer.rendering.adaptive import AdaptivePlan, cut_lists, list_sweep
 from raytracer.rendering.allocation import (
     LARGEST_DENSITY,
+    ONE_BLOCK,
     Scatter,
     allocate,
     choose_pilot,
     choose_share,
     measure_scatter,
 )
-from raytracer.rendering.blocks import make_window
-from raytracer.rendering.render import render
+from raytracer.rendering.block_plan import USUAL_BLOCK
+from raytracer.rendering.blocks import BlockResult, make_window
+from raytracer.rendering.render import begin_film, render
 from tests.raytracer.rendering.error_scenes import SCENES
 
 SCENE = SCENES["glossy"][0]()
 PASSES = ("Combined", "Normal", "Depth", "Error", "Sample Count")
+pytestmark = pytest.mark.usefixtures("adaptive_in_any_size")
 
 
 def see(**keywords):
@@ -64,7 +67,21 @@ def test_pilot_is_even_and_too_few_samples_are_all_of_it():
     assert PILOT not in few.arrays
     assert np.array_equal(few["Combined"], render(SCENE, 24, 16, 31)["Combined"])
     assert not render(SCENE, 6, 4, 64, adaptive=True, passes=("Normal",)).pilot
-    assert [choose_pilot(samples) for samples in (1, 31, 32, 100, 4096)] == [0, 0, 16, 24, 64]
+    assert [choose_pilot(samples, 4096) for samples in (1, 31, 32, 100, 4096)] == [0, 0, 16, 24, 64]
+
+
+def test_a_picture_that_is_one_block_stays_even_and_its_tiles_with_it(monkeypatch):
+    """Of 24 x 16 pixels 64 samples: bit for bit, in no more blocks; a sample more in all, and there is a pilot."""
+    monkeypatch.setattr(allocation, "ONE_BLOCK", 24 * 16 * 64)
+    even, film = render(SCENE, 24, 16, 64), see()
+    assert film.pilot == 0
+    assert np.array_equal(film["Combined"], even["Combined"])
+    for samples, border, pilot in ((64, None, 0), (65, None, 16), (65, (0, 0, 23, 16), 0)):
+        for tile in (None, (1, 3)):
+            settings = Settings(samples=samples, adaptive=True, border=border, tile=tile)
+            film = begin_film(SCENE, make_window(SCENE, 24, 16, settings), settings)
+            assert film.pilot == pilot, settings
+    assert ONE_BLOCK == USUAL_BLOCK
 
 
 def test_where_nothing_is_gained_the_rest_is_as_even_as_the_pilot(monkeypatch):
@@ -269,6 +286,26 @@ def test_sweeps_list_each_sample_once_and_in_order(rng):
             own = [number // 2 for number in numbers if number % 2 == replication]
             assert own == list(range(8, 8 + len(own)))
             assert abs(len(own) - 32 * density[pixel, replication]) < 1.0
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_what_follows_a_pilot_is_one_block_where_there_is_room(monkeypatch, even):
+    """As many blocks as even samples take that are more than one; they begin with no small ones again."""
+    pixels, sweeps = 72 * 48, 100
+    density = np.full((pixels, 2), 1.0)
+    density[:2] = (1.0, 1.0) if even else (0.5, 1.5)
+    monkeypatch.setattr(adaptive, "decide_density", lambda film: density)
+    film = Film(72, 48, ("Combined",), pilot=24, total=sweeps)
+    plan = AdaptivePlan(film, make_window(SCENE, 72, 48, Settings()), Settings(samples=sweeps), sweeps)
+    sizes = []
+    for blocks in plan.phases():
+        for block in blocks:
+            sizes.append(len(block) * block.samples)
+            plan.observe(BlockResult(block, {}, None, 0, 1.0))
+        film.samples = film.pilot
+    assert sizes[0] == 24 * pixels
+    assert len(sizes) == 2
+    assert sizes[1] == pytest.approx(76 * pixels, abs=2 * pixels)
 
 
 @pytest.mark.parametrize("size", [1, 7, 10, 1000])

@@ -16,6 +16,7 @@ from tests.raytracer.rendering.error_scenes import EYE, FLOOR, SCENES
 
 PENUMBRA = SCENES["penumbra"][0]()
 PASSES = ("Combined", "Error", "Sample Count")
+pytestmark = pytest.mark.usefixtures("adaptive_in_any_size")
 
 
 @pytest.mark.parametrize("adaptive", [False, True])
