@@ -72,13 +72,15 @@ class AdaptivePlan(BlockPlan):
         pixels, numbers = pixels[self._film.ahead :], numbers[self._film.ahead :]
         while sweep < self.sweeps:
             lists: list[tuple[Indices, Words]] = []
-            most, first, count = self._limit_sweeps(sweep), sweep, 0
-            while sweep - first < most and (not lists or count + len(pixels) <= self.size):
+            most, first, count, size = self._limit_sweeps(sweep), sweep, 0, self.size
+            if self._workers > 1:
+                size = min(size, self._share(sweep, 0))
+            while sweep - first < most and (not lists or count + len(pixels) <= size):
                 lists.append((pixels, numbers))
                 count += len(pixels)
                 sweep += 1
                 pixels, numbers = list_sweep(density, offset, sweep, pilot)
-            yield from cut_lists(first, lists, self.size)
+            yield from cut_lists(first, lists, size)
 
 
 def decide_density(film: Film) -> Floats:

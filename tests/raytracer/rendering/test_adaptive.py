@@ -331,6 +331,20 @@ def test_lists_of_whole_sweeps_fill_their_blocks(rng):
     assert min(counts[:-1]) > 1000 - 3 * 72
 
 
+@pytest.mark.parametrize("workers", [2, 5])
+def test_lists_have_work_for_all_workers(workers):
+    """None takes more of what is left than its part, and the last ones are small: nobody waits long for another."""
+    pixels, film = 72 * 48, Film(72, 48, ("Combined",), samples=24, pilot=24, total=100)
+    settings = Settings(samples=100, workers=workers)
+    plan = AdaptivePlan(film, make_window(SCENE, 72, 48, settings), settings, 100)
+    plan.sweeps = 100
+    sizes = [len(block) for block in plan._list_blocks(np.full((pixels, 2), 1.0))]
+    assert sum(sizes) == 76 * pixels
+    assert len(sizes) > workers
+    assert max(sizes) <= -(-76 * pixels // workers)
+    assert sizes[-1] <= pixels
+
+
 @pytest.mark.parametrize(("name", "bar"), [("room", 0.95), ("glossy", 1.5)])
 def test_adaptive_samples_are_never_much_worse_than_even_ones(name, bar):
     """The variance that 64 even samples have over that of as many adaptive ones, as the pilots of 10 seeds spread them.
