@@ -73,6 +73,7 @@ class Integrator:
         media shine, diffuse reflection is followed, if only to what shines
     shares : of the sources that are told apart by their kinds, as of LightSource
     emission_ahead : True where a ray that goes on can meet a light, emissive geometry or the world
+    late_roulette : True where paths that leave narrow lobes are ended by chance after what they meet next
     dimensions : numbered dimensions of a wave
     links : which objects are lit by what, or None where all are by all
     shadow_links : which objects shadow the light of what, or None where all shadow all
@@ -112,6 +113,7 @@ class Integrator:
     shadow_links: ShadowLinks | None = None
     told_apart: frozenset[int] = frozenset()
     shares: Mapping[int, float] = field(default_factory=dict)
+    late_roulette: bool = False
     tells_paths: bool = False
     terminator: Terminator | None = None
     is_catcher: Booleans | None = None

@@ -32,6 +32,7 @@ from raytracer.integrator.contributions import (
     finish_alpha,
 )
 from raytracer.integrator.integrator import Integrator
+from raytracer.integrator.late_roulette import find_shaded, go_beyond
 from raytracer.integrator.media.scene_media import immerse_paths, leave_media
 from raytracer.integrator.media.travel import cross_media
 from raytracer.integrator.near_misses import note_near_misses
@@ -148,7 +149,7 @@ def trace_wave(
         paths, hits, scattered, stages = crossed.paths, crossed.hits, crossed.scattered, BEHIND_MEDIA
     for stage in stages:
         stage(integrator, passes, paths, hits)
-    met = np.flatnonzero(hits.hit)
+    met = find_shaded(integrator, paths, hits)
     if len(met) < len(paths):
         paths, hits = paths.select(met), hits.select(met)
     paths, hits = cut_holes(integrator, passes, paths, hits)
@@ -214,11 +215,13 @@ def shade(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits, 
 
     # Emission: what of it does light sampling leave to this ray?
     add_emission(integrator, passes, wave)
-    wave = replace(wave, shading=blur_lobes(shading, paths.rarest, integrator.settings.filter_glossy))
+    wave = go_beyond(wave)
+    shading = blur_lobes(wave.shading, wave.paths.rarest, integrator.settings.filter_glossy)
+    wave = replace(wave, shading=shading)
     if not integrator.needs_light:
         return Shaded([], pass_straight(integrator, passes, wave, sampler))
 
-    sampler = sampler.select(paths.row)
+    sampler = sampler.select(wave.paths.row)
     add_guides(integrator, passes, wave)
     add_open_share(integrator, passes, wave, sampler)
 

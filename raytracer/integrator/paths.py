@@ -56,6 +56,8 @@ class Paths:
     media : what it is inside of; None where the scene has no media
     portals : (k,) int32, how many it has gone through; None before any path has
     received : (k,) uint8, bits of `caustics`, whether receivers of caustics have scattered it; None before any has
+    beyond : (k,) float64, by what light from beyond the next surface counts more; 0 where chance ends the path there
+        (`late_roulette`); None where it ends none, for all 1
     """
 
     row: NDArray[np.int64]
@@ -73,6 +75,7 @@ class Paths:
     media: MediaStack | None = None
     portals: NDArray[np.int32] | None = None
     received: Masks | None = None
+    beyond: Numbers | None = None
 
     def __len__(self) -> int:
         return len(self.row)
@@ -102,11 +105,13 @@ class Paths:
             media=None if self.media is None else self.media.select(rows),
             portals=None if self.portals is None else self.portals[rows],
             received=None if self.received is None else self.received[rows],
+            beyond=None if self.beyond is None else self.beyond[rows],
         )
 
 
 # What there is of all paths, in an array each.
-COLUMNS = tuple(name for name in Paths.__slots__ if name not in ("rays", "media", "portals", "received"))
+NO_COLUMNS = ("rays", "media", "portals", "received", "beyond")
+COLUMNS = tuple(name for name in Paths.__slots__ if name not in NO_COLUMNS)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -120,6 +125,11 @@ class Wave:
 
     def __len__(self) -> int:
         return len(self.paths)
+
+    def select(self, rows: Indices) -> Wave:
+        """Return some of the paths, in their order."""
+        paths, hits = self.paths.select(rows), self.hits.select(rows)
+        return Wave(paths, hits, self.surface.select(rows), self.shading.select(rows))
 
 
 def join_paths(parts: Sequence[Paths]) -> Paths:
@@ -135,8 +145,11 @@ def join_paths(parts: Sequence[Paths]) -> Paths:
     received = None
     if any(part.received is not None for part in parts):
         received = np.concatenate([part.find_received() for part in parts])
+    beyond = None
+    if any(part.beyond is not None for part in parts):
+        beyond = np.concatenate([np.ones(len(part)) if part.beyond is None else part.beyond for part in parts])
     rays = join_rays([part.rays for part in parts])
-    return Paths(rays=rays, media=media, portals=portals, received=received, **joined)
+    return Paths(rays=rays, media=media, portals=portals, received=received, beyond=beyond, **joined)
 
 
 def start_paths(rays: Rays, first: int = 0) -> Paths:
@@ -251,8 +264,8 @@ def start_passes(settings: Settings, rays: Rays) -> PathPasses:
     return replace(passes, lengths=lengths, parts=parts, guides=guides, light_groups=groups)
 
 
-def advance(wave: Wave, sample: BsdfSample) -> Paths:
-    """Return the paths of a wave that go on, at the start of their next stretch."""
+def advance(wave: Wave, sample: BsdfSample, beyond: Numbers | None = None) -> Paths:
+    """Return the paths of a wave that go on, at the start of their next stretch; beyond : (n,), as of Paths."""
     alive = np.flatnonzero(sample.alive)
     rows = shorten_rows(alive, len(wave))
     old, surface = wave.paths, leave(wave.surface, rows)
@@ -272,6 +285,7 @@ def advance(wave: Wave, sample: BsdfSample) -> Paths:
         travelled=np.zeros(len(alive)),
         portals=None if old.portals is None else old.portals[rows],
         received=None if old.received is None else old.received[rows],
+        beyond=None if beyond is None else beyond[rows],
     )
     straight = sample.goes_straight[rows]
     if straight.any():

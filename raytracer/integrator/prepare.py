@@ -236,6 +236,7 @@ def _compose(
     looks = features.specular or interreflects or scatters
     visible_lights = tuple(light for light in aimed_at if has_extent(light) and _is_met(light, looks))
     visible_groups = tuple(group for group in groups if group.has_extent and _is_met(group.example, looks))
+    emission_ahead = bool(visible_lights or visible_groups) or emitters is not None or background is not None or shines
     aimed = set_chances(sources, told_apart)
     cast_shadow = make_shadow_cast(
         cast, None if shadow_links is None else make_linked_cast(cast, shadow_links.shadow_set)
@@ -275,11 +276,9 @@ def _compose(
         goes_on=features.specular or features.transparency or features.portals or features.subsurface or interreflects,
         interreflects=interreflects,
         visible_groups=visible_groups,
-        emission_ahead=bool(visible_lights)
-        or bool(visible_groups)
-        or emitters is not None
-        or background is not None
-        or shines,
+        emission_ahead=emission_ahead,
+        # Media scatter and shine on the way to what is met next.
+        late_roulette=features.narrow and emission_ahead and media is None,
         dimensions=dimensions,
         links=links,
         shadow_links=shadow_links,

@@ -23,6 +23,7 @@ from raytracer.integrator.bounces import (
 from raytracer.integrator.caustics import WaveCaustics, note_receivers
 from raytracer.integrator.direct_light import light_receptive
 from raytracer.integrator.integrator import Integrator, find_lift
+from raytracer.integrator.late_roulette import put_off
 from raytracer.integrator.light_sources import ShadingPoints
 from raytracer.integrator.media.shadow_media import immerse_shadows
 from raytracer.integrator.passes.light_passes import note_scattering, split_paths
@@ -102,8 +103,8 @@ def scatter_by(
     # Stopping: is it worth going on?
     if passes.guides is None:
         end_in_the_dark(integrator, paths, sample)
-    play_roulette(integrator, paths, sample, sampler)
-    going_on = advance(wave, sample)
+    beyond = play_roulette(integrator, paths, sample, sampler)
+    going_on = advance(wave, sample, beyond)
     if integrator.caustics is not None:
         going_on = note_receivers(integrator.caustics, going_on, ~sample.goes_straight[sample.alive])
     if integrator.shadow_links is not None:
@@ -152,16 +153,19 @@ def end_in_the_dark(integrator: Integrator, paths: Paths, sample: BsdfSample) ->
         sample.weight[find_ended(counts, integrator.settings)] = 0.0
 
 
-def play_roulette(integrator: Integrator, paths: Paths, sample: BsdfSample, sampler: Sampler) -> None:
-    """End some of the paths that carry little light (Russian roulette), for which the others count more.
+def play_roulette(integrator: Integrator, paths: Paths, sample: BsdfSample, sampler: Sampler) -> Numbers | None:
+    """End some of the paths that carry little light (Russian roulette), for which the others count more; return what
+    of that has to wait till they have met another surface, (n,) as of Paths.
 
     What red reflects and green does not is black: a path of no light at all never survives, nor is divided by.
     """
     if integrator.dimensions.roulette is None:
-        return
+        return None
     bounces = sum_columns(paths.bounces) + (sample.kind != STRAIGHT)
     rows = np.flatnonzero(sample.alive & (bounces > CERTAIN_BOUNCES))
     probability = survival_probability(take_rows(paths.throughput, rows) * take_rows(sample.weight, rows))
     survives = sampler.select(rows).uniform(integrator.dimensions.roulette) < probability
     factor = np.divide(1.0, probability, out=np.zeros_like(probability), where=survives)
+    beyond = put_off(sample, rows, factor) if integrator.late_roulette else None
     put_rows(sample.weight, rows, factor[:, np.newaxis] * take_rows(sample.weight, rows))
+    return beyond

@@ -196,6 +196,51 @@ def test_roulette_changes_no_mean(monkeypatch):
     assert (np.abs(cut.mean(axis=0) - whole.mean(axis=0)) <= SIGMAS * error).all()
 
 
+MIRROR = Closure("glossy", color=0.6, roughness=0.0)
+
+
+def make_mirrors(*others, world=None):
+    """A box of mirrors, and something matte outside it, for in a scene without that no roulette is played."""
+    outside = raytracer.Mesh([[5, 5, 5], [6, 5, 5], [5, 6, 5]], [[0, 1, 2]], material=1)
+    materials = [Material((MIRROR, *others)), Material((Closure("diffuse"),))]
+    return raytracer.Scene(meshes=[BOX, outside], materials=materials, world=world)
+
+
+def test_roulette_leaves_alone_what_the_next_surface_shows_in_a_mirror():
+    """In a box of mirrors that shine with 1 and reflect a, every path sees 1 + a + a^2 that ends after two bounces.
+
+    The second is left to chance, but not what it shows.
+    """
+    seen = look_around(make_mirrors(Closure("emission", color=1.0)), count=1000, max_bounces=1)
+    np.testing.assert_allclose(seen, 1 + 0.6 + 0.6**2, rtol=1e-12)
+
+
+def test_late_roulette_changes_no_mean(monkeypatch):
+    """Walls that mirror and scatter, of which only some shine: most of those that chance ends see nothing."""
+    dark = (MIRROR, Closure("diffuse", color=(0.1, 0.2, 0.3)))
+    walls = [Material(dark), Material((*dark, Closure("emission", color=1.0)))]
+    box = replace(BOX, material=(np.arange(12) < 2).astype(np.int32))
+    scene = raytracer.Scene(meshes=[box], materials=walls)
+    late = look_around(scene, max_bounces=6)
+    monkeypatch.setattr(scattering, "CERTAIN_BOUNCES", 100)
+    whole = look_around(scene, max_bounces=6)
+    error = np.hypot(late.std(axis=0), whole.std(axis=0)) / np.sqrt(COUNT)
+    assert (late != whole).any()
+    assert (np.abs(late.mean(axis=0) - whole.mean(axis=0)) <= SIGMAS * error).all()
+
+
+def test_a_path_that_chance_ends_is_cast_but_not_shaded_where_nothing_shines(monkeypatch):
+    cast, shaded = [], []
+    find_shaded, advance = loop.find_shaded, scattering.advance
+    monkeypatch.setattr(loop, "find_shaded", lambda *given: cast.append(len(given[1])) or find_shaded(*given))
+    monkeypatch.setattr(scattering, "advance", lambda *given: shaded.append(len(given[0])) or advance(*given))
+    look_around(make_mirrors(world=raytracer.World(1.0)), count=1000, max_bounces=3)
+    assert cast[:3] == [1000, 1000, 1000]
+    assert shaded[:2] == [1000, 1000]
+    survival = np.sqrt(0.6**2)
+    assert abs(shaded[2] - 1000 * survival) < SIGMAS * np.sqrt(1000 * survival * (1 - survival))
+
+
 def test_paths_that_two_colors_leave_black_end_without_a_warning():
     """Red and green walls that share no channel: blue is what shines, red and green bounce on their own walls only.
 
