@@ -1,10 +1,13 @@
 """Russian roulette that is played late: its losers still see what shines where they come to, and end there.
 
 A mirror, or a narrow lobe, shows small bright light that samples of lights leave to it: rarely met, it holds most of
-the noise of caustics. What such a bounce meets next counts as it is, without chance: the path that would have ended
-before is cast once more, which takes little of the time of a bounce, and those that survive bring no more than their
-share. Only what comes from beyond that surface is left to chance. Of wide lobes samples of lights bring most; their
-losers would be cast for little, so they end at once.
+the noise of caustics. What such a bounce meets next, A, counts as it is; only what comes from beyond, B, is left to
+chance, the survival s of the probability p. Of the two ways to estimate A + B,
+
+    E (A + B s / p)^2 = A^2 + 2 A B + B^2 / p  <=  (A + B)^2 / p = E ((A + B) s / p)^2,
+
+so the noise is never larger, and smaller the more of the light is A. The losers are cast once more, which takes little
+of the time of a bounce. Of wide lobes samples of lights bring most of A: their losers end before they are cast.
 
 References
 ----------
