@@ -52,8 +52,9 @@ ONE_BLOCK = 1 << 18
 # Times the average number of samples, beyond which a pixel gets no more.
 LARGEST_DENSITY = 1000.0
 # Parts of the largest share that are tried, and how many times less variance the best must promise: a sample of a list
-# of scattered pixels takes 1.0 to 1.1 times as long as one of a whole sweep, and uneven numbers of samples lose some of
-# what makes Sobol's even ones good (a tenth where mirrors face each other).
+# takes 1.0 to 1.05 times as long as one of a whole sweep, 1.15 times where pixels of those share points of lights, and
+# uneven numbers of samples lose some of what makes Sobol's even ones good (a tenth where mirrors face each other).
+# With 1.125, mirrors that face each other gain 1.23 in efficiency instead of 1.18, and the Cornell box 1.03 of 1.02.
 PARTS_OF_SHARE = np.array([0.25, 0.5, 0.75, 1.0])
 LEAST_GAIN = 1.25
 
