@@ -224,7 +224,8 @@ if sys.argv[1] == "build":
     print(json.dumps({"start_mb": before, "peak_mb": peak()}))
 else:
     scene = make_scene(world=raytracer.World(0.3))
-    raytracer.render(scene, 4096, 4096, 1)["Combined"]
+    film = raytracer.render(scene, 4096, 4096, int(sys.argv[1]))
+    film.measure_error(), film["Combined"]
     print(json.dumps({"start_mb": start, "peak_mb": peak()}))
 """
 
@@ -241,7 +242,11 @@ def make_million():
 
 def measure_memory(progress):
     """Return rows: peak of the resident memory, MB, of a process that builds, and of one that renders."""
-    tasks = {"build": "building a million triangles", "render": "rendering 4096 x 4096, one sample"}
+    tasks = {
+        "build": "building a million triangles",
+        "1": "rendering 4096 x 4096, one sample",
+        "3": "rendering 4096 x 4096, three samples and their error",
+    }
     rows = []
     for task, label in progress(tasks.items(), "memory"):
         command = [sys.executable, "-c", MEMORY_SCRIPT, task]
