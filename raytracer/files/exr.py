@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,16 @@ FLOAT = 2  # the number of the pixel type
 VERSION, LONG_NAMES = 2, 0x400
 LONGEST_SHORT_NAME = 31
 
-Plane = NDArray[np.float32]
+
+class Plane(Protocol):
+    """Numbers (h, w) float32, an array or what makes some of its lines when they are asked for."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(h, w)."""
+
+    def __getitem__(self, lines: slice, /) -> NDArray[np.float32]:
+        """Return some lines (k, w)."""
 
 
 def write_exr(path: str | Path, channels: Mapping[str, Plane]) -> None:
@@ -69,7 +78,7 @@ def pack_header(names: list[str], width: int, height: int) -> bytes:
     return EXR_MAGIC + struct.pack("<i", VERSION | flags) + b"".join(packed) + b"\0"
 
 
-def write_chunks(file: BinaryIO, planes: list[Plane], height: int) -> None:
+def write_chunks(file: BinaryIO, planes: Sequence[Plane], height: int) -> None:
     """Write the chunks of a picture, and before them where each begins."""
     lines = LINES_OF_CHUNK[ZIP]
     starts = range(0, height, lines)

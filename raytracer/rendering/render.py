@@ -14,6 +14,7 @@ from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
+from raytracer.arrays.memory import release_freed_memory
 from raytracer.casting.caster import Caster, build
 from raytracer.film.film import Film
 from raytracer.film.passes import select_passes
@@ -25,7 +26,7 @@ from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers
 from raytracer.rendering.adaptive import AdaptivePlan, add_listed, check_counts
 from raytracer.rendering.allocation import choose_pilot
-from raytracer.rendering.block_plan import GATHERED, MANY_WORKERS, SWEEP_GROWTH, BlockPlan
+from raytracer.rendering.block_plan import GATHERED, LARGE_PICTURE, MANY_WORKERS, SWEEP_GROWTH, BlockPlan
 from raytracer.rendering.blocks import (
     Block,
     BlockResult,
@@ -128,6 +129,8 @@ def render(
         ended_by = accumulate(film, plan, results, ending, on_sweep, on_progress)
         film.ended_by = ended_by or ("samples" if is_done else "cancelled")
     film.cancelled = film.ended_by == "cancelled"
+    if film.width * film.height >= LARGE_PICTURE:
+        release_freed_memory()  # there is to be room for the picture beside its film
     return film
 
 

@@ -10,6 +10,7 @@ from raytracer.film import film_error, pixel_parts
 from raytracer.film.error import find_deviations
 from raytracer.film.film import Film
 from raytracer.film.film_error import read_deviations
+from raytracer.film.film_picture import save_picture
 from raytracer.film.pixel_parts import Parts, keep_largest, mean_without, sum_squares, tally_parts
 from raytracer.film.sums import ALPHA, DEVIATIONS, DIFFERENCE
 
@@ -61,6 +62,17 @@ def test_a_pixel_takes_no_more_bytes_than_its_colors_and_their_error(count, expe
     assert (large[0] - small[0]) / pixels == pytest.approx(expected, abs=0.05)
     assert (large[1] - small[1]) / pixels < 0.1
     assert (large[2] - small[2]) / pixels < 3 * 8 * 0.01 + 0.1
+
+
+def test_a_picture_is_written_a_few_lines_at_a_time(tmp_path):
+    """Of 10 channels of 4 bytes no pixel is held beside the sums."""
+    film = Film(64, 4096, ("Combined", "Normal", "UV"))
+    save_picture(Film(64, 16, film.names), tmp_path / "first.exr")  # what is imported stays
+    tracemalloc.start()
+    save_picture(film, tmp_path / "picture.exr")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 64 * 4096 * 4
 
 
 def test_alpha_is_held_where_a_sample_is_not_opaque(rng):

@@ -14,7 +14,7 @@ from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import blocks
 from raytracer.rendering import render as render_module
-from raytracer.rendering.block_plan import FIRST_BLOCK, SMALLEST_BLOCK, BlockPlan
+from raytracer.rendering.block_plan import FIRST_BLOCK, LARGE_PICTURE, SMALLEST_BLOCK, USUAL_BLOCK, BlockPlan
 from raytracer.rendering.blocks import Block, BlockResult, make_window
 from raytracer.rendering.ending import Ending
 from raytracer.rendering.render import render
@@ -324,6 +324,16 @@ def test_plan_cuts_what_is_left_of_a_pass_evenly():
         sizes.append(block.stop - block.start)
         plan.observe(make_result(block, 1e-6 * sizes[-1]))
     assert sizes == [35_000] * 6
+
+
+def test_plan_leaves_room_beside_a_large_film():
+    """However quick its rays are."""
+    for pixels, size in ((LARGE_PICTURE - 1, 2**19), (LARGE_PICTURE, USUAL_BLOCK)):
+        plan, sizes = BlockPlan(pixels, sweeps=1, largest=2**19), []
+        for block in plan:
+            sizes.append(len(block))
+            plan.observe(make_result(block, 1e-7 * len(block)))
+        assert 0.9 * size < max(sizes) <= size
 
 
 def test_plan_of_short_work_takes_it_whole():
