@@ -47,12 +47,13 @@ def largest_row(planes: NDArray) -> NDArray:
 
 def frame_rays(frame: Frame, origins: Floats, directions: Floats) -> FramedRays:
     """Bring rays (k, 3) with directions that are not zero into a frame."""
-    origin = times_power(origins.T - frame.centre[:, np.newaxis], frame.exponent)
-    place = times_power(origins.T, frame.exponent)
-    largest = largest_row(np.abs(directions.T))
+    origins, directions = np.ascontiguousarray(origins.T), np.ascontiguousarray(directions.T)
+    origin = times_power(origins - frame.centre[:, np.newaxis], frame.exponent)
+    place = times_power(origins, frame.exponent)
+    largest = largest_row(np.abs(directions))
     if len(largest) and largest.min() > 2.0**-LARGEST_EXPONENT and largest.max() < 2.0**LARGEST_EXPONENT:
         # The bits of the exponent alone are the largest power of two that is not above the number.
         length = 2 * (largest.view(np.int64) & EXPONENT_BITS).view(np.float64)
-        return FramedRays(origin, directions.T * (1 / length), times_power(length, frame.exponent), place)
+        return FramedRays(origin, directions * (1 / length), times_power(length, frame.exponent), place)
     exponent = np.frexp(largest)[1]
-    return FramedRays(origin, np.ldexp(directions.T, -exponent), np.ldexp(1.0, exponent + frame.exponent), place)
+    return FramedRays(origin, np.ldexp(directions, -exponent), np.ldexp(1.0, exponent + frame.exponent), place)

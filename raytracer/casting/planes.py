@@ -215,7 +215,7 @@ class PlaneDecisions:
     unit : (n,) see `FramedRays`; None where there are only triangles
     """
 
-    def __init__(self, query: Query, planes: Floats) -> None:
+    def __init__(self, query: Query, planes: Floats, exponent: int = 0) -> None:
         count = len(query.rays)
         self.query, self.planes = query, planes
         self.lines = np.empty((count, LINE_COLUMNS))
@@ -223,8 +223,10 @@ class PlaneDecisions:
         self.begun = None if query.passed is None else np.empty(count)
         self.unit = np.empty(count) if len(query.primitives.geometry.radii) else None
         self.pool: list[Measured] = []
+        scale = float(np.ldexp(1.0, exponent)) if abs(exponent) < LARGEST_SIZE else np.nan
+        self.usual = 2 / LONGEST * scale, LONGEST * scale
 
-    def set_rays(self, rows: slice, rays: FramedRays) -> None:
+    def set_rays(self, rows: slice | Indices, rays: FramedRays) -> None:
         """Let `rows` of the query's rays be `rays`.
 
         Their `unit` is a power of two. What it takes out of the range of float64 is below any bound, infinite, or NaN,
@@ -237,11 +239,20 @@ class PlaneDecisions:
             self.lines[rows, 6] += np.where((length > 1 / LONGEST) & (length < LONGEST), 0.0, np.inf)
         if self.unit is not None:
             self.unit[rows] = unit
-        np.multiply(query.rays.t_max[rows], unit, out=self.t_max[rows])
-        np.multiply(query.best[rows], unit, out=self.best[rows])
+        self.t_max[rows] = query.rays.t_max[rows] * unit
+        best = query.best[rows] * unit
+        np.copyto(best, np.inf, where=np.isnan(best))
+        self.best[rows] = best
         if self.begun is not None:
-            np.multiply(query.surely_begun[rows], unit, out=self.begun[rows])
-        np.copyto(self.best[rows], np.inf, where=np.isnan(self.best[rows]))
+            self.begun[rows] = query.surely_begun[rows] * unit
+
+    def are_usual(self, rays: FramedRays) -> Booleans:
+        """(k,) False for rays that are left to `query`, as `LONGEST` says."""
+        return (rays.unit > self.usual[0]) & (rays.unit < self.usual[1])
+
+    def settle(self, ray: Indices, row: Indices) -> None:
+        """Settle triangles, by rows of `planes`, of which it is certain that their rays hit these first."""
+        self.query.settle(ray, self._name(row))
 
     def take_in(self, ray: Indices, row: Indices, inside: Booleans) -> Indices:
         """Measure candidates, given by rows of `planes`, of which `inside` says where the line certainly meets the

@@ -404,9 +404,10 @@ class Query:
 
 def _main_axis(directions: Floats) -> NDArray[np.int8]:
     """(n,) the axis of each direction's largest component; the last of equals."""
-    size = np.abs(directions).T
-    axis = np.where(size[1] >= size[0], np.int8(1), np.int8(0))
-    return np.where(size[2] >= np.maximum(size[0], size[1]), np.int8(2), axis)
+    x, y, z = np.abs(np.ascontiguousarray(directions.T))
+    axis = (y >= x).view(np.int8)
+    np.copyto(axis, 2, where=z >= np.maximum(x, y))
+    return axis
 
 
 def _runs(sorted_values: Indices) -> NDArray[np.intp]:

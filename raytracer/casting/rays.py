@@ -80,8 +80,8 @@ class Rays:
 
     def valid(self) -> Booleans:
         """(n,) True where the ray is finite, its direction not zero and its range not NaN."""
-        ox, oy, oz = np.abs(self.origins).T
-        dx, dy, dz = np.abs(self.directions).T
+        ox, oy, oz = np.abs(np.ascontiguousarray(self.origins.T))
+        dx, dy, dz = np.abs(np.ascontiguousarray(self.directions.T))
         # A maximum of columns passes NaN on; a reduction over three columns would be slower by far.
         length = np.maximum(np.maximum(dx, dy), dz)
         largest = np.maximum(np.maximum(np.maximum(ox, oy), oz), length)
