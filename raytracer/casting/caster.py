@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.arrays.checks import require_choice
 from raytracer.arrays.memory import keep_freed_memory
-from raytracer.arrays.types import Booleans
-from raytracer.casting.bvh.hierarchy import choose_flattened
+from raytracer.arrays.types import Booleans, Floats, Indices
+from raytracer.casting.bvh.hierarchy import bound_spheres, bound_world, choose_flattened
 from raytracer.casting.choose import Offer, choose_accelerators
 from raytracer.casting.crossings import CrossingQuery
 from raytracer.casting.curves.caster import CurveCaster
@@ -24,6 +24,7 @@ from raytracer.casting.dense.offer import DenseOffer
 from raytracer.casting.geometry import Geometry, pack_geometry
 from raytracer.casting.matrix_form import MatrixForm
 from raytracer.casting.order import Departure, Order
+from raytracer.casting.passing import find_meeting
 from raytracer.casting.pencil.arriving_grid import ArrivingGrid, come_near
 from raytracer.casting.pencil.offer import DrawnOffer
 from raytracer.casting.pencil.packet_grid import PacketGrid
@@ -42,12 +43,14 @@ from raytracer.scene.scene import Scene
 # Rays per batch: their state and the candidates they bring stay within a few tens of megabytes.
 BATCH_RAYS = 1 << 16
 # The dense tree shares what a block of triangles costs between the rays of a batch.
-DENSE_RAYS = 1 << 17
+DENSE_RAYS = 3 << 16
 # Rays of a pencil are cast in larger batches where there are more triangles, each of which costs something per batch.
 PENCIL_RAYS = 1 << 18
 # So many rays that arrive at a point, and for a triangle, are drawn: with fewer the dense tree is quicker, as with
 # parallel ones.
 ARRIVING_RAYS, ARRIVING_SHARE = 1 << 15, 0.35
+# Of fewer rays those that pass the scene's box are not looked for.
+SMALLEST_BATCH = 4096
 # Rays of a call that are looked at together.
 CALL_RAYS = 1 << 20
 
@@ -217,8 +220,20 @@ class Caster(Questions):
                     yield from self._plan_view(view, any_hit and bool((rays.t_min <= 0).all()))
                 return
         size = DENSE_RAYS if isinstance(self.offer, DenseOffer) else BATCH_RAYS
-        for start in range(0, len(rays), size):
-            yield slice(start, min(start + size, len(rays))), self.offer
+        meeting = self._find_meeting(rays)
+        for start in range(0, len(rays) if meeting is None else len(meeting), size):
+            part = slice(start, min(start + size, len(rays)))
+            yield part if meeting is None else meeting[part], self.offer
+
+    def _find_meeting(self, rays: Rays) -> Indices | None:
+        """Rays that may meet the scene's box, if many pass it."""
+        if len(rays) < SMALLEST_BATCH or self.primitives.precision != "certified":
+            return None
+        return find_meeting(self._box, rays.origins, rays.directions)
+
+    @cached_property
+    def _box(self) -> Floats:
+        return bound_world(self.primitives, bound_spheres(self.geometry))
 
     def _find_pencil(self, rays: Rays, any_hit: bool) -> Pencil | None:
         """The pencil that rays form, if there are enough of them."""

@@ -16,7 +16,7 @@ from raytracer.arrays.types import Booleans
 # Rays of a packet: as many as half the rays that a node has in the mean.
 LANES = (4, 8, 16, 32, 64)
 # Rays tested together: what they need fits the cache.
-LANE_BLOCK = 2048
+LANE_BLOCK = 4096
 ZERO, ONE = np.float32(0), np.float32(1)
 
 

@@ -31,8 +31,9 @@ from raytracer.predicates.filtered import cross
 PAD = 40 * FLOAT32_ROUNDOFF
 # Triangles of a block, within a factor of the square root of two; with 17 or 34 rays take up to a tenth longer.
 BLOCK_TRIANGLES = 24
-# Children of the root and of the nodes below it, at most, as powers of two.
-ROOT_BITS, NODE_BITS = 5, 4
+# Children of the root and of the nodes below it, at most, as powers of two: as few levels as these allow, and of those
+# the root the fewest boxes, as every ray is tested with them.
+ROOT_BITS, NODE_BITS, FEWEST_BITS = 5, 4, 4
 # Triangles with a larger share of the scene's surface are tested with every ray: most rays enter their boxes anyway.
 LARGE_SHARE, MOST_LARGE = 0.02, 64
 # Triangles, and blocks, that are packed at a time: what they need fits the cache.
@@ -178,8 +179,8 @@ def pack_edges(corners: Floats, smallest: float = SMALLEST_ROWS) -> NDArray[np.f
 def make_levels(low: Floats, high: Floats) -> list[NDArray[np.float32]]:
     """The tables of all levels above 2^k blocks with boxes low, high (b, 3): of the root first."""
     bits = len(low).bit_length() - 1
-    root_bits = min(bits, ROOT_BITS)
-    depth = -(-(bits - root_bits) // NODE_BITS)
+    depth = -(-(bits - min(bits, ROOT_BITS)) // NODE_BITS)
+    root_bits = min(bits, max(bits - depth * NODE_BITS, FEWEST_BITS))
     levels = []
     for step in range(depth):
         fan = 1 << ((bits - root_bits + step) // depth)
