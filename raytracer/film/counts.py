@@ -50,6 +50,15 @@ class SampleCounts:
         lengths = np.diff(np.clip(self._stops, start, max(start, stop)), prepend=start)
         return np.repeat(self._runs, lengths, axis=0)
 
+    def read_columns(self, pixels: slice | Indices) -> Counts:
+        """Return the numbers (2, n) of some pixels, as `read`; (2, 1) where they are one run, and have all the same."""
+        if self._each is None and isinstance(pixels, slice):
+            start, stop, _ = pixels.indices(self.pixels)
+            run = int(np.searchsorted(self._stops, start, side="right"))
+            if start < stop <= self._stops[run]:
+                return self._runs[run : run + 1].T
+        return self.read(pixels).T
+
     def add(self, pixels: slice | Indices, replication: int, repeated: bool = False) -> None:
         """Count one more sample of a replication; repeated : True where a pixel may be there several times."""
         if self._each is None and isinstance(pixels, slice):

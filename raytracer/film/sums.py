@@ -134,11 +134,11 @@ class Sums:
 
     def _compare(self, pixels: slice | Indices, colors: Floats, replication: int) -> list[tuple[str, NDArray[Any]]]:
         """Return what colors (n, 3) add to the difference of replications and to squared deviations."""
-        counts = self.counts.read(pixels)
-        count = counts.sum(axis=1)
+        counts = self.counts.read_columns(pixels)
+        count = counts[0] + counts[1]
         if DIFFERENCE not in self.arrays and count.any():
             self.hold([DIFFERENCE])
-        if DEVIATIONS not in self.arrays and counts[:, replication].any():
+        if DEVIATIONS not in self.arrays and counts[replication].any():
             self.hold([DEVIATIONS])
         with np.errstate(over="ignore", invalid="ignore"):  # of what is infinite nothing is known
             before = mean_column(self.arrays["Combined"][pixels]) / np.maximum(count, 1)

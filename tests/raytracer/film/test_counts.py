@@ -37,6 +37,8 @@ def test_numbers_are_those_of_each_pixel_by_itself(rng, monkeypatch, most):
                 expected[pixels] = given
             seen = draw_pixels(rng)
             np.testing.assert_array_equal(counts.read(seen), expected[seen])
+            columns = counts.read_columns(seen)
+            np.testing.assert_array_equal(np.broadcast_to(columns, expected[seen].T.shape), expected[seen].T)
         kept.add(counts.is_by_runs)
         assert counts.find_most() == (expected.sum(axis=1).max(), expected.max())
         if counts.is_by_runs:
