@@ -8,7 +8,8 @@ six products a triangle's edge and ray (K. Shoemake, "Pluecker coordinate tutori
 float32, in the scene's frame, coordinates are at most 1 and in every component |p x q| <= 2, |q - p| <= 2, |d| <= 1 and
 |m| <= 2 |o|: E is off by at most gamma32(8) (3 * 2 + 3 * 2 * 2 |o|), and what is outside by more is dropped. Rays come
 divided by that, so that signs are comparisons with one number. What is left is measured by `planes`, which settles most
-of it; the rest is decided by `query`.
+of it; the rest is decided by `query`. Where rays meet many triangles, most are settled before that, without a list of
+what is left (`matrix_certain`).
 """
 
 from __future__ import annotations

@@ -213,6 +213,7 @@ class PlaneDecisions:
     best, t_max : (n,) as `Query.best` and the rays' range, in the frame
     begun : (n,) `Query.surely_begun` in the frame; None where that is the range's begin
     unit : (n,) see `FramedRays`; None where there are only triangles
+    usual : between which units directions have a usual length, `LONGEST`
     """
 
     def __init__(self, query: Query, planes: Floats, exponent: int = 0) -> None:

@@ -1,7 +1,8 @@
 """What float32 is certain of is true, and all hits are those of brute force, bit for bit.
 
-Tried: each number of roundings a hundredth of what it is; T well known from anywhere on; walls that are an ulp off an
-axis plane taken for one; the end before the guess, and not beyond the range; each turned red.
+Tried: the roundings of lines and of ends, and the bound of sides, a hundredth of what they are; T well known from
+anywhere on; ranges that end before h; rays settled whatever else is left, or without a triangle that is met; ends
+nearer than the inverse is kept for; each turned red.
 """
 
 from dataclasses import replace
