@@ -27,11 +27,11 @@ from raytracer.casting.order import Departure, Order
 from raytracer.casting.passing import find_meeting
 from raytracer.casting.pencil.arriving_grid import ArrivingGrid, come_near
 from raytracer.casting.pencil.offer import DrawnOffer
-from raytracer.casting.pencil.packet_grid import PacketGrid
 from raytracer.casting.pencil.pencil import Pencil, Rows, View, find_pencil, make_views
 from raytracer.casting.pencil.pixel_grid import find_pixel_grid
 from raytracer.casting.pencil.projection import Projection, project
 from raytracer.casting.pencil.rasterize import offer_projected
+from raytracer.casting.pencil.strip_grid import StripGrid
 from raytracer.casting.planes import LARGEST_SIZE
 from raytracer.casting.primitives import Primitives, make_primitives
 from raytracer.casting.query import Query
@@ -265,7 +265,7 @@ class Caster(Questions):
     def _plan_view(self, view: View, arriving: bool) -> Iterator[tuple[Rows, Offer]]:
         """arriving : may rays be drawn that arrive at a point"""
         if self.drawn is not None and view.pencil.leaving:
-            yield view.pick(0, len(view)), partial(self.drawn, PacketGrid(view))
+            yield view.pick(0, len(view)), partial(self.drawn, StripGrid(view))
             return
         arriving = arriving and view.pencil.arriving
         if self.drawn is not None and arriving and not come_near(self.drawn.find_clusters(), view):

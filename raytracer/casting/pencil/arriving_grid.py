@@ -21,15 +21,15 @@ import numpy as np
 from raytracer.arrays.types import Floats
 from raytracer.casting.pencil.clusters import Clusters
 from raytracer.casting.pencil.grids import RANGE_SLACK, limit_nearness
-from raytracer.casting.pencil.packet_grid import PacketGrid
 from raytracer.casting.pencil.pencil import View
+from raytracer.casting.pencil.strip_grid import StripGrid
 
 # How far rays are beside their image points, as a share of half the image, where they are not blurred.
 BESIDE = 2.0**-22
 
 
-class ArrivingGrid(PacketGrid):
-    """As PacketGrid, of rays that begin at t = 0.
+class ArrivingGrid(StripGrid):
+    """As StripGrid, of rays that begin at t = 0.
 
     depth : (n,) float64, h_z of each ray's origin
     blurred : least h_z that a hit may have

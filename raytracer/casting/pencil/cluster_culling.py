@@ -50,7 +50,7 @@ def _map(matrix: Floats, vectors: Floats) -> Floats:
 def list_sides(grid: Grid) -> Floats:
     """(5, 3) planes through the point with all rays on their positive side: its own, and a cell beside each border."""
     x, y, z = grid.matrix
-    beside = 1.0 + grid.beside
+    beside = 1.0 + grid.jitter
     low, high = grid.low[:, 0] - beside, grid.low[:, 0] + (grid.wide, grid.high) + beside
     return np.stack([z, x - low[0] * z, high[0] * z - x, y - low[1] * z, high[1] * z - y])
 
@@ -71,7 +71,7 @@ def cull_clusters(grid: Grid, clusters: Clusters) -> tuple[NDArray[np.intp], NDA
     order = np.argsort(middle[:, 2] - extent[:, 2], kind="stable")
     middle, extent = middle.take(order, axis=0).T, extent.take(order, axis=0).T
     near, far = middle[2] - extent[2], middle[2] + extent[2]
-    box, beside = np.empty((5, len(index))), 1.0 + grid.beside
+    box, beside = np.empty((5, len(index))), 1.0 + grid.jitter
     box[4] = (1 + 2.0**-20) / near
     for axis, low in enumerate(grid.low[:, 0]):
         least, most = middle[axis] - extent[axis], middle[axis] + extent[axis]

@@ -43,8 +43,6 @@ SMALLEST_PART, PARTS = 8192, 3
 DRAW_BLOCK, SET_UP_BLOCK = 1 << 16, 1 << 14
 # Tiles of large triangles set up together.
 TILE_BLOCK = 4096
-# Boxes of so many cells are cut into tiles; a multiple of every grid's tile, at most the largest patch.
-LARGE = 8
 
 
 class Kept(NamedTuple):
@@ -110,8 +108,8 @@ class Drawing:
         widest = np.maximum(high[0] - low[0], high[1] - low[1])
         first, last, seen = self._clip(low, high)
         seen &= real
-        small = np.flatnonzero(seen & (widest < LARGE))
-        large = np.concatenate([large, np.flatnonzero(seen & (widest >= LARGE))])
+        small = np.flatnonzero(seen & (widest < self.grid.large))
+        large = np.concatenate([large, np.flatnonzero(seen & (widest >= self.grid.large))])
         if len(large):
             self._draw_large(self._gather_relative(chosen, large), first, last, large, primitive_id.take(large))
         self._draw_small(corners, first, last, small, primitive_id)
@@ -120,8 +118,7 @@ class Drawing:
         """Boxes within the grid, counted from its low corner, and which reach it; all of it where they are NaN."""
         low, high = low - self.grid.low, high - self.grid.low
         last = np.array([[self.grid.wide - 1], [self.grid.high - 1]], np.float32)
-        spill = np.float32(self.grid.spill)
-        seen = ((low <= last + spill) & (high >= -spill)).all(axis=0)
+        seen = ((low <= last) & (high >= 0)).all(axis=0)
         # NaN becomes 0 in the first, the last cell in the other.
         return np.fmin(np.fmax(low, 0), last), np.fmin(np.maximum(high, 0), last), seen
 
@@ -131,7 +128,7 @@ class Drawing:
         """Sort boxes by size; set up and test those of one size together."""
         first, last = first.take(small, axis=1), last.take(small, axis=1)
         plan = self.grid.plan(first, last)
-        small, base = small.take(plan.order), first.take(plan.order, axis=1) + self.grid.low
+        small, base = small if plan.order is None else small.take(plan.order), plan.base
         some_corners = corners.reshape(9, -1).take(small, axis=1).reshape(3, 3, -1)
         rows = np.empty((ROWS, len(small)), np.float32)
         for start in range(0, len(small), SET_UP_BLOCK):
@@ -159,8 +156,8 @@ class Drawing:
         tile = float(self.grid.tile)
         for item, column, row in _cut_into_tiles(low, count):
             base = np.stack([column, row]) * tile + self.grid.low
-            rows = set_up_tiles(large, order.take(item), base, tile + self.grid.beside, self.grid.ray_error)
-            reaches, most = may_reach(rows, -self.grid.beside, tile + self.grid.beside)
+            rows = set_up_tiles(large, order.take(item), base, tile + self.grid.jitter, self.grid.ray_error)
+            reaches, most = may_reach(rows, -self.grid.jitter, tile + self.grid.jitter)
             keep = np.flatnonzero(reaches & (most >= self.grid.limit_tiles()[row, column]))
             plan = self.grid.plan_tiles(column.take(keep), row.take(keep))
             items = Items(rows.take(keep, axis=1), base.take(keep, axis=1).astype(np.float32))

@@ -4,8 +4,8 @@ Coordinates x, y on the image count cells from its middle: h = A (p - centre), x
 1 / h_z (`pencil`). Three grids look alike to those who draw triangles on them:
 
     PixelGrid     rays at the whole numbers of a grid, row by row, as a script's pinhole camera casts them
-    JitteredGrid  the same, each ray somewhere near its whole numbers (`jittered_grid`), as a renderer casts them
-    PacketGrid    any rays (`packet_grid`)
+    JitteredGrid  the same, each ray somewhere in the square around its whole numbers (`jittered_grid`)
+    StripGrid     any rays (`strip_grid`), such as those of a renderer with a pixel filter, or several of each pixel
 
 What is known of the rays' places is what makes a pair cheap. A *place* is where a ray's values are kept.
 """
@@ -38,9 +38,15 @@ class Found(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """How a grid will test n items: in which order it wants them, local coordinates' largest, and what it notes."""
+    """How a grid will test n items.
 
-    order: NDArray[np.intp]
+    order : in which it wants them; None for any
+    base : (2, n), in that order, what local coordinates count from; reach : (n,) and are at most
+    notes : the grid's own
+    """
+
+    order: NDArray[np.intp] | None
+    base: NDArray[np.float32]
     reach: NDArray[np.float32]
     notes: Any
 
@@ -50,9 +56,10 @@ class Grid:
 
     centre : (3,); matrix : (3, 3) float64, A
     wide, high : cells; low : (2, 1) float32, the first cell's coordinates
-    tile : cells a side of the tiles whose least limit hides things, and into which large triangles are cut
+    tile : cells a side of the tiles whose least limit hides things, and into which large triangles are cut: those whose
+        boxes have `large` cells a side or more
     ray_error : cells, how far a ray may lie beside its coordinates
-    jitter : cells, how far those may lie beside the cell that has the ray; spill : and how much farther, at the border
+    jitter : cells, how far those may lie beside the cell that has the ray
     step : (n,) float64, h_z of each ray's direction
     limit : (places,) float32, a hit that is less near cannot be the answer; infinite where there is no ray
     ceiling : (places,) float32, what is less near is certainly not before t_min; None where t_min is 0
@@ -60,24 +67,20 @@ class Grid:
 
     inclusive: bool
     tile: int
+    large: int
 
     def __init__(self, centre: Floats, matrix: Floats, step: Floats, wide: int, high: int) -> None:
         self.centre, self.matrix, self.step = centre, matrix, step
         self.wide, self.high = wide, high
         self.low = np.array([[-(wide // 2)], [-(high // 2)]], np.float32)
-        self.ray_error = self.jitter = self.spill = 0.0
+        self.ray_error = self.jitter = 0.0
         self.limit = np.zeros(0, np.float32)
         self.ceiling: NDArray[np.float32] | None = None
 
     @property
     def size(self) -> float:
         """No coordinate of a ray is larger, in cells."""
-        return max(self.wide, self.high) / 2 + 1.0 + self.beside
-
-    @property
-    def beside(self) -> float:
-        """No ray is farther beside its cell, cells."""
-        return self.jitter + self.spill
+        return max(self.wide, self.high) / 2 + 1.0 + self.jitter
 
     def find_cells(self, low: NDArray[np.float32], high: NDArray[np.float32]) -> None:
         """Replace coordinates by the first and the last cell between them."""
@@ -153,7 +156,7 @@ class PixelGrid(Grid):
     """
 
     inclusive = True
-    tile = GUARD
+    tile = large = GUARD
 
     def __init__(self, centre: Floats, matrix: Floats, step: Floats, wide: int, skipped: int, ray_error: float) -> None:
         super().__init__(centre, matrix, step, wide, -(-(skipped + len(step)) // wide))
@@ -186,13 +189,15 @@ class PixelGrid(Grid):
         sides = SIDE_OF.take((last - first).astype(np.intp) + 1)
         shape = sides[0] * np.uint8(len(SIDES)) + sides[1]
         order = np.argsort(shape, kind="stable")
-        reach = LARGER_SIDE.take(shape.take(order)) + np.float32(self.beside)
-        return Plan(order, reach, np.bincount(shape, minlength=len(SIDES) ** 2))
+        reach = LARGER_SIDE.take(shape.take(order)) + np.float32(self.jitter)
+        return Plan(order, first.take(order, axis=1) + self.low, reach, np.bincount(shape, minlength=len(SIDES) ** 2))
 
     def plan_tiles(self, column: NDArray[np.intp], row: NDArray[np.intp]) -> Plan:
         count = np.zeros(len(SIDES) ** 2, np.intp)
         count[-1] = len(column)
-        return Plan(np.arange(len(column)), np.full(len(column), np.float32(self.tile)), count)
+        return Plan(
+            np.arange(len(column)), np.zeros((2, 0), np.float32), np.full(len(column), np.float32(self.tile)), count
+        )
 
     def test(self, items: Items, plan: Plan) -> list[Found]:
         column, row = (items.base - self.low).astype(np.int32)

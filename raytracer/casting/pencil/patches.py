@@ -17,9 +17,9 @@ delta = alpha + v B and rho + v B. E is linear in each of its points, with facto
     c            two products of B^2 and their difference                       4 v B^2
     x c_x        c_x rounds, the product rounds, 2 B^2 each; y c_y likewise     8 v B^2
     two sums     of 4 B^2 and of 6 B^2                                         10 v B^2
-    packets      c moved to another base, 8 + 10, tol added, 6, larger sums     32 v B^2
+    strips       tol is added to c first, which rounds as c does                 2 v B^2
 
-    error of E  <=  tol  =  8 B alpha + 4 B rho + 66 v B^2          (in any order, with fused products or without)
+    error of E  <=  tol  =  8 B alpha + 4 B rho + 36 v B^2          (in any order, with fused products or without)
 
 S, a sum of three c, is off by 12 B delta + 22 v B^2 < 2 tol. Where |S| <= 2 tol even its sign is unknown: of a ray
 inside, no |E| is larger than |S| then, and tolerances are taken four times as wide.
@@ -52,7 +52,7 @@ CONSTANT, SLOPE_X, SLOPE_Y, TOLERANCE, NEAR_ERROR, LEAST, MOST, ROWS = 0, 4, 8, 
 # What is left of second order, and the roundings of the bounds themselves.
 MARGIN = 1 + 2.0**-10
 # Factors of the bounds above.
-CORNER_SHARE, RAY_SHARE, ROUNDING_SHARE, NEAR_SHARE = 8.0, 4.0, 66.0, 10.0
+CORNER_SHARE, RAY_SHARE, ROUNDING_SHARE, NEAR_SHARE = 8.0, 4.0, 36.0, 10.0
 # The edge opposite corner i runs from corner FIRST[i] to corner SECOND[i].
 FIRST, SECOND = (1, 2, 0), (2, 0, 1)
 # A corner is before or behind the plane of the point if its h_z is beyond this share of |A_z| |p - c|, |.| summed.

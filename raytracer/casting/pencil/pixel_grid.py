@@ -2,7 +2,7 @@
 
 Rows may begin anywhere with the first ray and end anywhere with the last. What fits is found first, then every ray is
 compared with its place, so nothing rests on the fit: what is left, if it is much less than a cell, counts as an error
-of the rays; if it is of the order of a cell, as their jitter.
+of the rays; if it is no more than half a cell, as their jitter.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 
 from raytracer.arrays.types import Floats
 from raytracer.casting.pencil.grids import PixelGrid
-from raytracer.casting.pencil.jittered_grid import JitteredGrid
+from raytracer.casting.pencil.jittered_grid import MOST_JITTER, JitteredGrid
 from raytracer.casting.rays import Rays
 from raytracer.predicates.rounding import UNIT_ROUNDOFF
 
@@ -41,7 +41,7 @@ def find_pixel_grid(rays: Rays, scale: float) -> PixelGrid | None:
         if matrix is None:
             continue
         matrix *= scale / np.abs(matrix[2]).max()
-        if regular and _is_far_off(directions, matrix, wide, skipped):
+        if _is_far_off(directions, matrix, wide, skipped, LARGEST_ERROR if regular else MOST_JITTER):
             continue
         points, step = _map_directions(directions, matrix)
         off = points - _list_cells(len(directions), wide, skipped)
@@ -51,9 +51,8 @@ def find_pixel_grid(rays: Rays, scale: float) -> PixelGrid | None:
         worst = float(np.abs(off).max())
         if worst < LARGEST_ERROR:
             return PixelGrid(rays.origins[0], matrix, step, wide, skipped, worst * (1 + 2.0**-20) + rounding)
-        if not regular:
-            grid = JitteredGrid(rays.origins[0], matrix, step, wide, skipped, rounding, points, off)
-            return grid if grid.is_worthwhile else None
+        if not regular and worst <= MOST_JITTER:
+            return JitteredGrid(rays.origins[0], matrix, step, wide, skipped, rounding, points, worst)
     return None
 
 
@@ -118,12 +117,12 @@ def _invert(along: Floats, across: Floats, middle: Floats) -> Floats | None:
     return matrix if np.isfinite(matrix).all() else None
 
 
-def _is_far_off(directions: Floats, matrix: Floats, wide: int, skipped: int) -> bool:
-    """True if a few rays already tell that a grid is not regular."""
+def _is_far_off(directions: Floats, matrix: Floats, wide: int, skipped: int, most: float) -> bool:
+    """True if a few rays already tell that not all are within `most` cells of theirs."""
     some = np.arange(0, len(directions), max(1, len(directions) // 64))
     points, step = _map_directions(directions[some], matrix)
     off = np.abs(points - _list_cells(len(directions), wide, skipped, some))
-    return not bool((step > 0).all() and off.max() < LARGEST_ERROR)
+    return not bool((step > 0).all() and off.max() < most)
 
 
 def _map_directions(directions: Floats, matrix: Floats) -> tuple[Floats, Floats]:

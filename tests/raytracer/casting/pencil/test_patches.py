@@ -9,10 +9,8 @@ import pytest
 from raytracer.casting.pencil import patches
 from raytracer.casting.pencil.cluster_culling import project_vertices
 from raytracer.casting.pencil.grids import PixelGrid
-from raytracer.casting.pencil.packet_grid import SIDE, PacketGrid
 from raytracer.casting.pencil.patches import CONSTANT, EDGES, LEAST, MOST, NEAR_ERROR, SLOPE_X, SLOPE_Y, TOLERANCE
-from raytracer.casting.pencil.pencil import find_pencil, make_views
-from raytracer.casting.rays import make_rays
+from raytracer.casting.pencil.strip_grid import STRIP, find_least
 
 COUNT, SCREEN = 20000, 200.0
 # Errors that come nearer than this to their bound show that it is not a hundred times too wide.
@@ -134,29 +132,23 @@ def test_large_triangles_are_within_their_bounds_in_every_tile(rng, ray_error):
     assert 0.1 < reaches.mean() < 0.9
 
 
-def test_triangles_moved_to_tiles_are_within_their_bounds(rng):
-    """What packets are tested with: c + x c_x + y c_y + tolerance, x and y from the tile's corner."""
-    rays = make_rays((0.0, 0.0, 0.0), np.concatenate([rng.uniform(-1, 1, (160000, 2)), np.ones((160000, 1))], axis=1))
-    [view] = make_views(find_pencil(rays), rays, 1.0)
-    grid = PacketGrid(view)
-    corner = rng.integers(2, grid.wide - 12, (2, COUNT)).astype(np.float32)
-    corners = (corner + grid.low)[:, np.newaxis] + rng.uniform(0, 3, (2, 3, COUNT))
-    plan = grid.plan(corner, corner + np.float32(2))
+def test_functions_with_tolerance_are_within_their_bounds_on_runs(rng):
+    """What strips are tested with: (c + tolerance) + x c_x + y c_y, at rays anywhere in their reach."""
+    corner = rng.integers(-200, 190, (2, COUNT)).astype(np.float32)
+    corners = corner[:, np.newaxis] + rng.uniform(0, 3, (2, 3, COUNT))
+    base = corner + np.float32(1.5)
+    reach = np.full(COUNT, np.float32(1.5 + STRIP))
     image = patches.Image(0.0, patches.FLOAT32_ROUNDOFF, 0.0)
     rows = np.empty((patches.ROWS, COUNT), np.float32)
     points = np.concatenate([corners, np.ones((1, 3, COUNT))]).astype(np.float32)
-    patches.set_up_small(points, corner + grid.low, plan.reach, image, rows)
-    item, tile = grid._list_tiles(*plan.notes)
-    entries = grid._make_entries(patches.Items(rows, corner + grid.low), item, tile)[:, : len(item)]
-    place = rng.uniform(0, SIDE, (2, len(item))).astype(np.float32)
-    row, column = np.divmod(tile, grid.tiles_x)
-    x, y = column * SIDE + grid.low[0] + place[0].astype(float), row * SIDE + grid.low[1] + place[1].astype(float)
-    true = evaluate_edges(corners[:, :, item], x, y)
+    patches.set_up_small(points, base, reach, image, rows)
+    place = (rng.uniform(-1, 1, (2, COUNT)) * reach).astype(np.float32)
+    true = evaluate_edges(corners, *(base.astype(float) + place))
     true *= np.sign(true.sum(axis=0))
-    computed = entries[:, :, 0] + place[0] * entries[:, :, 1] + place[1] * entries[:, :, 2]
-    tolerance = rows[TOLERANCE].take(item)
-    known = (np.abs(true.sum(axis=0)) > 2 * tolerance).nonzero()[0]
-    share = (np.abs(computed - tolerance - true) / tolerance)[:, known]
+    tolerance = rows[TOLERANCE]
+    known = np.flatnonzero(np.abs(true.sum(axis=0)) > 2 * tolerance)
+    computed = find_least(rows, np.arange(COUNT), *place[:, np.newaxis])[0]
+    share = (np.abs(computed - tolerance - true.min(axis=0)) / tolerance)[known]
     assert NOT_IDLE < share.max() <= 1
 
 
