@@ -20,9 +20,10 @@ from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.bsdfs.diffuse import DiffuseShape
 from raytracer.bsdfs.hair import HairLobes
-from raytracer.bsdfs.microfacet import Microfacets, tilt_to_reflect
+from raytracer.bsdfs.microfacet import Microfacets
 from raytracer.bsdfs.portals import Portals, close_portals
 from raytracer.bsdfs.subsurface import Subsurface, split_radii
+from raytracer.bsdfs.tilted_normals import tilt_to_reflect
 from raytracer.lecture import dot
 from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_VECTORS, Closure
 from raytracer.scene.programs import Register

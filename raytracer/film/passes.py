@@ -1,7 +1,7 @@
 """The passes of a film: how many channels each has, and what it holds where nothing was hit.
 
-`integrator/contributions.py` fills them, `loop.add_direct_light` the light that is sampled; what Blender calls and
-stores them as is the add-on's `passes.py`.
+`integrator/first_surface.py` and `contributions.py` fill them, `loop.add_direct_light` the light that is sampled; what
+Blender calls and stores them as is the add-on's `passes.py`.
 """
 
 from __future__ import annotations

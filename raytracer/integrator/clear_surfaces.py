@@ -13,7 +13,8 @@ import numpy as np
 from raytracer.casting.rays import Hits
 from raytracer.film.passes import find_pass
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.paths import PathPasses, Paths
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Paths
 
 
 def forget_clear_surfaces(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> None:

@@ -18,21 +18,23 @@ import numpy as np
 from raytracer.arrays.types import Floats
 from raytracer.arrays.vectors import reflect
 from raytracer.bsdfs.bounce_kinds import GLOSSY, SINGULAR, STRAIGHT, TRANSMITTED
-from raytracer.bsdfs.bsdf import BsdfSample
+from raytracer.bsdfs.bsdf_samples import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.fresnel import refract
 from raytracer.bsdfs.microfacet import Microfacets, evaluate_fresnel
 from raytracer.casting.caster import Caster
-from raytracer.casting.geometry import Kind, join_id, world_corners
-from raytracer.casting.rays import Hits, Rays, make_rays
+from raytracer.casting.rays import Rays, make_rays
 from raytracer.film.camera import primary_rays
 from raytracer.integrator.bounces import classify_rays, find_closed, find_ended
-from raytracer.integrator.contributions import add_background, add_emission, add_visible_lights, describe_path
+from raytracer.integrator.contributions import add_background, add_emission, add_visible_lights
+from raytracer.integrator.described_hits import describe_hit, find_start
 from raytracer.integrator.direct_light import sample_lights
 from raytracer.integrator.integrator import Integrator, find_lift
 from raytracer.integrator.light_sources import GEOMETRY, LIGHT, ShadingPoints
-from raytracer.integrator.paths import Paths, Wave, advance, start_passes, start_paths
+from raytracer.integrator.path_passes import start_passes
+from raytracer.integrator.paths import Paths, Wave, advance, start_paths
 from raytracer.integrator.prepare import DEFAULT_RESOLUTION, light_is_on, prepare
+from raytracer.integrator.ray_descriptions import describe_path
 from raytracer.integrator.scattering import count_all
 from raytracer.integrator.settings import Settings
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows, join_shadows
@@ -43,11 +45,10 @@ from raytracer.integrator.traced_rays import (
     REFLECTED,
     REFRACTED,
     WORLD,
-    Hit,
     Shadow,
     TracedRay,
 )
-from raytracer.lecture import Region, classify_barycentric, cross, dot, intersect_sphere, intersect_triangle, length
+from raytracer.lecture import dot
 from raytracer.lights.emitter_table import locate_emitters
 from raytracer.lights.emitters import pick_emitters
 from raytracer.sampling.sampler import Sampler
@@ -55,7 +56,7 @@ from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.scene import Scene
 from raytracer.shading.light_path import Depths
 from raytracer.shading.materials import find_transparency, make_shading
-from raytracer.surfaces.surface import Surface, make_surface
+from raytracer.surfaces.surface import make_surface
 
 # A tree has so many rays at most, and none that counts less in the picture: more, the eye could not tell apart.
 MOST_RAYS = 64
@@ -159,11 +160,6 @@ def start_ray(step: Step) -> TracedRay:
     return TracedRay(step.kind, step.parent, origin, rays.directions[0], step.weight, np.zeros(3))
 
 
-def find_start(rays: Rays) -> float:
-    """Return t where one ray goes on behind what it has passed straight; 0 where it has not."""
-    return float(rays.after.distance[0]) if rays.after is not None and rays.after.hit[0] else 0.0
-
-
 Branch = tuple[str, Paths, Floats]  # kind, the path that goes on, its weight (3,)
 
 
@@ -188,54 +184,6 @@ def trace_ray(inspector: Inspector, ray: TracedRay, path: Paths) -> list[Branch]
         branches = list(find_branches(integrator, wave))
     ray.color += passes.values["Combined"][0, :3] + sum(shadow.light * shadow.share for shadow in ray.shadows)
     return branches
-
-
-# What is hit ----------------------------------------------------------------------------------------------------------
-
-
-def describe_hit(caster: Caster, rays: Rays, hits: Hits, surface: Surface, shading: Shading) -> Hit:
-    """Return the record of the hit of one ray."""
-    geometry, weights, region = caster.geometry, None, Region.INSIDE
-    origin, direction = rays.origins[0], rays.directions[0]
-    if geometry.belongs_to_kind(hits.instance, Kind.TRIANGLE)[0]:
-        a, b, c = (corner[0] for corner in world_corners(geometry, hits.instance, hits.primitive))
-        beta, gamma = hits.barycentric[0]
-        weights = np.array([1.0 - beta - gamma, beta, gamma])
-        region = Region(int(classify_barycentric(weights, measure_tolerance(surface, a, b, c))))
-        lecture_distance = float(intersect_triangle(origin, direction, a, b, c).t)
-    elif geometry.belongs_to_kind(hits.instance, Kind.CURVE)[0]:
-        lecture_distance = np.nan  # the lecture has no curves
-    else:
-        number = geometry.find_rows(join_id(geometry, hits.instance, hits.primitive), Kind.SPHERE)[0]
-        roots = intersect_sphere(origin, direction, geometry.centres[number], geometry.radii[number])
-        ahead = roots[roots >= rays.t_min[0]]
-        lecture_distance = float(ahead[0]) if len(ahead) else np.nan
-    return Hit(
-        distance=float(hits.distance[0]) - find_start(rays),
-        distance_error=float(hits.distance_error[0]),
-        lecture_distance=lecture_distance - find_start(rays),
-        instance=int(hits.instance[0]),
-        primitive=int(hits.primitive[0]),
-        material=int(surface.material[0]),
-        barycentric=weights,
-        region=region,
-        position=surface.position[0],
-        position_error=float(surface.position_error[0]),
-        geometric_normal=surface.geometric_normal[0],
-        shading_normal=surface.shading_normal[0],
-        front=bool(surface.front[0]),
-        emitted=shading.radiance[0],
-    )
-
-
-def measure_tolerance(surface: Surface, a: Floats, b: Floats, c: Floats) -> float:
-    """Return how much a weight changes over the error of the position: that error over the triangle's least height.
-
-    The height over a side is twice the area over the side's length.
-    """
-    longest = max(float(length(side)) for side in (b - a, c - b, a - c))
-    doubled_area = float(length(cross(b - a, c - a)))
-    return float(surface.position_error[0]) * longest / doubled_area if doubled_area > 0 else 0.0
 
 
 # Light ----------------------------------------------------------------------------------------------------------------

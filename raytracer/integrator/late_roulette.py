@@ -24,7 +24,7 @@ import numpy as np
 from raytracer.arrays.rows import any_column, scale_vectors
 from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.bsdfs.bounce_kinds import STRAIGHT
-from raytracer.bsdfs.bsdf import BsdfSample
+from raytracer.bsdfs.bsdf_samples import BsdfSample
 from raytracer.casting.rays import Hits
 from raytracer.integrator.features import NARROW_DENSITY
 from raytracer.integrator.integrator import Integrator

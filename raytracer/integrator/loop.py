@@ -15,22 +15,14 @@ import numpy as np
 from raytracer.arrays.rows import any_column
 from raytracer.arrays.types import Floats
 from raytracer.bsdfs.bounce_kinds import STRAIGHT
-from raytracer.bsdfs.bsdf import BsdfSample, enter_portals
+from raytracer.bsdfs.bsdf_samples import BsdfSample, enter_portals
 from raytracer.casting.rays import Hits, Rays
 from raytracer.film.passes import LENGTH, NEAR_MISS
 from raytracer.integrator.bounces import classify_rays, find_closed
 from raytracer.integrator.clamping import blur_lobes, clamp, find_limits
 from raytracer.integrator.clear_surfaces import forget_clear_surfaces
-from raytracer.integrator.contributions import (
-    add_background,
-    add_emission,
-    add_visible_lights,
-    cut_holes,
-    describe_path,
-    describe_surface,
-    divide_shadow,
-    finish_alpha,
-)
+from raytracer.integrator.contributions import add_background, add_emission, add_visible_lights
+from raytracer.integrator.first_surface import cut_holes, describe_surface, divide_shadow, finish_alpha
 from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.late_roulette import find_shaded, go_beyond
 from raytracer.integrator.media.scene_media import immerse_paths, leave_media
@@ -41,7 +33,9 @@ from raytracer.integrator.passes.denoising import add_guides
 from raytracer.integrator.passes.light_passes import add_aimed
 from raytracer.integrator.passes.open_share import add_open_share
 from raytracer.integrator.passes.shadow_catcher import find_split, finish_caught, note_split, start_catching
-from raytracer.integrator.paths import PathPasses, Paths, Wave, advance, join_paths, start_passes, start_paths
+from raytracer.integrator.path_passes import PathPasses, start_passes
+from raytracer.integrator.paths import Paths, Wave, advance, join_paths, start_paths
+from raytracer.integrator.ray_descriptions import describe_path
 from raytracer.integrator.scattering import Shaded, scatter
 from raytracer.integrator.shadow_rays import ShadowRays, cast_shadows
 from raytracer.integrator.subsurface.subsurface import scatter_below

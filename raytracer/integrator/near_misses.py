@@ -16,7 +16,8 @@ from raytracer.integrator.bounces import meet_lights
 from raytracer.integrator.clamping import clamp_met
 from raytracer.integrator.features import NARROW_DENSITY
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.paths import PathPasses, Paths
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Paths
 from raytracer.lecture import dot
 from raytracer.lights.glints import Glint
 from raytracer.sampling.warps import power_heuristic

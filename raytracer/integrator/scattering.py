@@ -12,7 +12,8 @@ import numpy as np
 from raytracer.arrays.rows import any_column, put_rows, sum_columns, take_rows
 from raytracer.arrays.types import Booleans, Counts, Floats, Numbers
 from raytracer.bsdfs.bounce_kinds import DIFFUSE, STRAIGHT, count_bounces
-from raytracer.bsdfs.bsdf import BsdfSample, lobe_probabilities, sample_bsdf
+from raytracer.bsdfs.bsdf import lobe_probabilities
+from raytracer.bsdfs.bsdf_samples import BsdfSample, sample_bsdf
 from raytracer.integrator.bounces import (
     CERTAIN_BOUNCES,
     find_closed,
@@ -27,7 +28,8 @@ from raytracer.integrator.late_roulette import put_off
 from raytracer.integrator.light_sources import ShadingPoints
 from raytracer.integrator.media.shadow_media import immerse_shadows
 from raytracer.integrator.passes.light_passes import note_scattering, split_paths
-from raytracer.integrator.paths import PathPasses, Paths, Wave, advance
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Paths, Wave, advance
 from raytracer.integrator.shadow_linking import add_linked_light
 from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.sampling.sampler import Sampler

@@ -28,9 +28,11 @@ from raytracer.arrays.types import Numbers
 from raytracer.casting.passed import bound_distances
 from raytracer.casting.rays import Rays
 from raytracer.integrator.bounces import classify_rays, meet_lights
-from raytracer.integrator.contributions import add_emission_met, add_light_met, describe_rays
+from raytracer.integrator.contributions import add_emission_met, add_light_met
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.paths import PathPasses, Paths
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Paths
+from raytracer.integrator.ray_descriptions import describe_rays
 from raytracer.integrator.shadow_rays import Shadows
 from raytracer.lecture import dot
 from raytracer.lights.emitters import stop_before

@@ -17,9 +17,10 @@ from raytracer.scene.materials import CLOSURE_COLORS, CLOSURE_RANGES, CLOSURE_VE
 from raytracer.scene.programs import Program, Register, Value
 from raytracer.scene.scene import Scene
 from raytracer.shading.evaluate import evaluate, find_needed, list_attributes
+from raytracer.shading.footprint import measure_footprint
 from raytracer.shading.light_path import LightPath
 from raytracer.shading.like_programs import describe_program, describe_value, merge_programs
-from raytracer.shading.site import Site, measure_footprint
+from raytracer.shading.site import Site
 from raytracer.shading.site_tables import SiteTables
 from raytracer.surfaces.surface import Surface
 

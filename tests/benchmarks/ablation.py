@@ -90,7 +90,7 @@ FEATURES = {
         ("area_lights.py", "sample_area"),
     ),
     "world": (lambda: make_scene(world=raytracer.World(0.3)), {}, ("environment.py", "environment_density")),
-    "mirror": (lambda: make_scene(raytracer.Closure("glossy")), {}, ("bsdf.py", "sample_bsdf")),
+    "mirror": (lambda: make_scene(raytracer.Closure("glossy")), {}, ("bsdf_samples.py", "sample_bsdf")),
     "rough reflection": (
         lambda: make_scene(raytracer.Closure("glossy", roughness=0.3)),
         {},
@@ -114,7 +114,7 @@ FEATURES = {
     "ray portals": (
         lambda: make_scene(raytracer.Closure("portal", weight=0.2, position=np.array([0.0, 0.0, 4.0]))),
         {},
-        ("bsdf.py", "enter_portals"),
+        ("bsdf_samples.py", "enter_portals"),
     ),
     "thin film": (
         lambda: make_scene(raytracer.Closure("principled", film_thickness=400.0)),
@@ -162,7 +162,7 @@ FEATURES = {
     "passes of every sample": (
         make_scene,
         {"passes": ("Combined", "Normal", "Diffuse Color", "Shadow")},
-        ("contributions.py", "divide_shadow"),
+        ("first_surface.py", "divide_shadow"),
     ),
 }
 

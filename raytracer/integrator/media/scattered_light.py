@@ -31,7 +31,8 @@ from raytracer.integrator.light_sources import (
     ShadingPoints,
 )
 from raytracer.integrator.parts import Split
-from raytracer.integrator.paths import PathPasses, Paths
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Paths
 from raytracer.integrator.picked_lights import PickedLight
 from raytracer.integrator.scattering import count_all
 from raytracer.integrator.shadow_rays import ShadowRays

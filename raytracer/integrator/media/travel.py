@@ -56,7 +56,8 @@ from raytracer.integrator.media.ways import (
 )
 from raytracer.integrator.passes.denoising import add_medium_guides
 from raytracer.integrator.passes.light_passes import add_met
-from raytracer.integrator.paths import PathPasses, Paths
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Paths
 from raytracer.integrator.shadow_linking import add_linked_light
 from raytracer.integrator.shadow_rays import ShadowRays
 from raytracer.media.distances import (

@@ -18,9 +18,10 @@ import numpy as np
 from raytracer.arrays.rows import mean_column
 from raytracer.arrays.types import Floats
 from raytracer.casting.rays import Hits
-from raytracer.integrator.contributions import describe_rays
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.paths import PathPasses, Paths
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Paths
+from raytracer.integrator.ray_descriptions import describe_rays
 from raytracer.lights.sky_aovs import list_written_by_sky
 from raytracer.sampling.dimensions import AOV_BEVEL_DIMENSION, AOV_DIMENSION
 from raytracer.sampling.sampler import Sampler

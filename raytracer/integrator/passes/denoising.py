@@ -24,7 +24,8 @@ from raytracer.bsdfs.lobe_colors import sum_lobe_colors
 from raytracer.bsdfs.portals import close_portals
 from raytracer.integrator.bounces import find_finished
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.paths import PathPasses, Paths, Wave
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Paths, Wave
 from raytracer.lecture import length
 
 # Cycles' numbers: facets are wide whose alpha is larger, and a surface tells where they are more than this share of it.

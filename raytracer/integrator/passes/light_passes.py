@@ -18,12 +18,14 @@ import numpy as np
 from raytracer.arrays.rows import sum_columns
 from raytracer.arrays.types import Booleans, Floats, Indices, Integers
 from raytracer.bsdfs.bounce_kinds import TRANSMITTED
-from raytracer.bsdfs.bsdf import BsdfSample, evaluate_bsdf
+from raytracer.bsdfs.bsdf import evaluate_bsdf
+from raytracer.bsdfs.bsdf_samples import BsdfSample
 from raytracer.bsdfs.closures import Shading
 from raytracer.film.passes import LIGHT_PARTS, VOLUME_DIRECT, VOLUME_INDIRECT, light_pass
 from raytracer.integrator.parts import Parts, Split
 from raytracer.integrator.passes.denoising import add_met_guides
-from raytracer.integrator.paths import PathPasses, Paths
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Paths
 from raytracer.integrator.shadow_rays import ShadowRays
 
 

@@ -19,7 +19,8 @@ from raytracer.arrays.vectors import to_world
 from raytracer.casting.rays import Rays
 from raytracer.integrator.bounces import find_closed, find_finished
 from raytracer.integrator.integrator import Integrator, find_lift
-from raytracer.integrator.paths import PathPasses, Wave
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Wave
 from raytracer.integrator.shadow_rays import Shadows
 from raytracer.sampling.dimensions import OCCLUSION_DIMENSION
 from raytracer.sampling.sampler import Sampler

@@ -20,7 +20,8 @@ from raytracer.casting.rays import Hits, Rays
 from raytracer.film.passes import CAUGHT
 from raytracer.integrator.contributions import see_background
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.paths import Caught, PathPasses, Paths, start_passes
+from raytracer.integrator.path_passes import Caught, PathPasses, start_passes
+from raytracer.integrator.paths import Paths
 
 
 def start_catching(integrator: Integrator, passes: PathPasses, rays: Rays) -> None:

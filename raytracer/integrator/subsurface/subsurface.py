@@ -24,9 +24,10 @@ from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.subsurface import Subsurface, enter, find_medium, join_parts
 from raytracer.casting.rays import Hits
 from raytracer.integrator.bounces import find_closed, find_finished
-from raytracer.integrator.contributions import describe_path
 from raytracer.integrator.integrator import Integrator
-from raytracer.integrator.paths import PathPasses, Paths, Wave, join_paths
+from raytracer.integrator.path_passes import PathPasses
+from raytracer.integrator.paths import Paths, Wave, join_paths
+from raytracer.integrator.ray_descriptions import describe_path
 from raytracer.integrator.scattering import (
     Shaded,
     close_portals,

@@ -8,7 +8,8 @@ import pytest
 
 import raytracer.bsdfs.microfacet_albedo as albedo
 from raytracer.arrays.vectors import reflect
-from raytracer.bsdfs.bsdf import evaluate_lobes, lobe_probabilities, sample_bsdf
+from raytracer.bsdfs.bsdf import evaluate_lobes, lobe_probabilities
+from raytracer.bsdfs.bsdf_samples import sample_bsdf
 from raytracer.bsdfs.fresnel import (
     dielectric_reflectance,
     metal_coefficient,
@@ -17,7 +18,8 @@ from raytracer.bsdfs.fresnel import (
     transmitted_cosine,
 )
 from raytracer.bsdfs.lobes import SMALLEST_PICK
-from raytracer.bsdfs.microfacet import SMALLEST_ALPHA, tilt_to_reflect
+from raytracer.bsdfs.microfacet import SMALLEST_ALPHA
+from raytracer.bsdfs.tilted_normals import tilt_to_reflect
 from raytracer.integrator.direct_light import reflect_light
 from raytracer.lecture import dot
 from raytracer.lights.light_shapes import LightSamples

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from raytracer.bsdfs.bounce_kinds import GLOSSY, TRANSMITTED
-from raytracer.bsdfs.bsdf import evaluate_bsdf, lobe_probabilities, sample_bsdf
+from raytracer.bsdfs.bsdf import evaluate_bsdf, lobe_probabilities
+from raytracer.bsdfs.bsdf_samples import sample_bsdf
 from raytracer.bsdfs.closures import Shading
 from raytracer.bsdfs.hair import (
     absorb_by_color,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from raytracer.bsdfs.bounce_kinds import GLOSSY
-from raytracer.bsdfs.bsdf import evaluate_bsdf, lobe_probabilities, sample_bsdf
+from raytracer.bsdfs.bsdf import evaluate_bsdf, lobe_probabilities
+from raytracer.bsdfs.bsdf_samples import sample_bsdf
 from raytracer.bsdfs.distributions import facet_density, shadowing
 from raytracer.bsdfs.fresnel import dielectric_reflectance, refract
 from raytracer.bsdfs.hair_huang import HuangHair

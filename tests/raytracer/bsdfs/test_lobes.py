@@ -7,7 +7,8 @@ import pytest
 
 import raytracer.bsdfs.sheen_table as sheen_table
 from raytracer.bsdfs import principled
-from raytracer.bsdfs.bsdf import lobe_probabilities, sample_bsdf
+from raytracer.bsdfs.bsdf import lobe_probabilities
+from raytracer.bsdfs.bsdf_samples import sample_bsdf
 from raytracer.bsdfs.closures import Closures, TiltedDiffuse
 from raytracer.bsdfs.diffuse import Toon, Velvet, make_rough_matte, make_sheen
 from raytracer.bsdfs.distributions import (

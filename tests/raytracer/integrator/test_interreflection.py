@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.bsdfs import bsdf
+from raytracer.bsdfs import bsdf, bsdf_samples
 from raytracer.bsdfs.bounce_kinds import (
     DIFFUSE,
     GLOSSY,
@@ -141,7 +141,7 @@ def test_sampled_directions_have_the_density_that_is_reported(tilted_shading):
     assert probabilities.shape[1] == 2 + len(shading.lobes) + len(shading.tilted)
     np.testing.assert_allclose(probabilities.sum(axis=1), 1.0)
     rng = np.random.default_rng(5)
-    way = bsdf.sample_bsdf(shading, probabilities, rng.random(len(shading)), rng.random((len(shading), 2)))
+    way = bsdf_samples.sample_bsdf(shading, probabilities, rng.random(len(shading)), rng.random((len(shading), 2)))
     value, density = bsdf.evaluate_bsdf(shading, probabilities, way.direction)
     rows = way.alive
     np.testing.assert_array_equal(density[rows], way.density[rows])
@@ -362,7 +362,7 @@ def test_a_scene_of_mirrors_is_the_same_by_either_integrator():
 
 def test_direct_never_asks_for_diffuse_reflection(monkeypatch):
     forbid(monkeypatch, "survival_probability")
-    monkeypatch.setattr(bsdf, "_sample_diffuse", None)
+    monkeypatch.setattr(bsdf_samples, "_sample_diffuse", None)
     scene = make_tilted_parts()
     assert look_around(scene, count=100, integrator="direct", origin=(0.1, 0.2, 3.0)).any()
 

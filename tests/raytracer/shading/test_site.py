@@ -7,8 +7,8 @@ import pytest
 
 from raytracer.film.camera import primary_rays
 from raytracer.scene.camera import Camera
+from raytracer.shading.footprint import measure_footprint
 from raytracer.shading.light_path import LightPath
-from raytracer.shading.site import measure_footprint
 from raytracer.shading.site_tables import CameraView
 
 WIDTH, HEIGHT = 320, 200
