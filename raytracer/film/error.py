@@ -24,7 +24,8 @@ How the samples of a pixel scatter around their mean does not forget that they a
 variance s^2, is the squared error that they would have were they independent, and more than what sequences have. So
 the pixels that hold most of it count as well; and where they are few, the interval reaches as far as its sum says.
 
-Of light that samples might have met and have not (`unmet`) an error is added at the interval's upper end.
+Of light that samples might have met and have not, in reflections (`unmet`) or straight (`missed`), an error is added at
+the interval's upper end.
 
 References
 ----------
@@ -66,6 +67,7 @@ class PictureError:
     worst : (x, y) of the noisiest pixel, counted from the lower left corner
     is_unmet : True where light that no sample has met can be most of the error
     is_one_draw : True where all pixels take the same points of lights, and can all be wrong together
+    is_missed : True where light in sight that no sample has met is most of the error
     """
 
     error: float = np.inf
@@ -75,6 +77,7 @@ class PictureError:
     worst: tuple[int, int] = (0, 0)
     is_unmet: bool = False
     is_one_draw: bool = False
+    is_missed: bool = False
 
     @property
     def note(self) -> str:
@@ -88,6 +91,8 @@ class PictureError:
             reasons.append(f"{held} {MOST_NOISE:.0%} of the noise, the worst at ({x}, {y})")
         if self.is_unmet:
             reasons.append("no reflection has met the brightest light yet")
+        if self.is_missed:
+            reasons.append("no sample has met a small light that is in sight")
         return f"{', and '.join(reasons)}: the error can be underestimated" if reasons else ""
 
 
@@ -144,10 +149,13 @@ class Scatter:
 
     squares : s^2 / n of each pixel, what the square of its error would be, were its samples independent
     unmet : what a pixel may lack of light that no sample has met
+    missed : the sum over pixels of the squares of what they lack of small light that is in sight, and its upper end
+        (`missed`)
     """
 
     squares: Parts
     unmet: float = 0.0
+    missed: tuple[float, float] = (0.0, 0.0)
 
 
 def find_deviations(sums: Floats, square_sums: Floats, counts: Counts) -> Floats:
@@ -194,6 +202,7 @@ def measure_error(
         return PictureError(error, (error, error), error)
     scattered = None if scatter is None else tally_parts(scatter.squares, FEW)
     unmet = 0.0 if scatter is None else scatter.unmet**2
+    missed, most_missed = (0.0, 0.0) if scatter is None else scatter.missed
     low, high = find_interval(squares, found, error, width, interleaving)
     few, worst = find_few(found, scattered)
     if few and scattered is not None:
@@ -201,12 +210,13 @@ def measure_error(
     row, column = divmod(worst, width)
     return PictureError(
         error,
-        (low, float(np.hypot(high, relate(unmet / squares.pixels, level)))),
+        (low, float(np.hypot(high, relate((unmet + most_missed) / squares.pixels, level)))),
         relate(mean_without(squares, keep_largest(found.most, noisiest)), level),
         few,
         (column, row),
         is_unmet=unmet > found.total,
         is_one_draw=interleaving == 1 and found.total > 0,
+        is_missed=missed > found.total,
     )
 
 

@@ -71,6 +71,7 @@ class Film:
     interleaving : side of the squares of pixels that take different points of lights, 0 where none are shared
     time_side : side of the squares of pixels that take different times, 0 where nothing moves
     near_misses : how many samples would have seen how much of light that their paths came near to (`unmet`)
+    probes : what was seen by rays aimed at small light (`missed`)
     pilot : where samples are adaptive, the sweeps that are even, from which the others follow; 0 where all are
     ahead : pixels, the first ones, that have samples of the next sweeps already, `ahead_samples` each
     total : the samples that the picture is to have
@@ -102,6 +103,7 @@ class Film:
     interleaving: int = 0
     time_side: int = 0
     near_misses: tuple[int, ...] = ()
+    probes: tuple[float, ...] = ()
     pilot: int = 0
     ahead: int = 0
     total: int = 0
@@ -202,7 +204,7 @@ class Film:
 
         return read
 
-    def read_pixels(self, name: str, pixels: slice) -> Floats:
+    def read_pixels(self, name: str, pixels: slice | Indices) -> Floats:
         """Return the values (n, channels) of a pass other than Error in some pixels."""
         if name == "Sample Count":
             return self.sums.counts.read(pixels).sum(axis=1, keepdims=True, dtype=np.float64)
@@ -213,7 +215,7 @@ class Film:
             return self._read_matte(name, pixels)
         return self._show(name, lambda stored: self._average(stored, pixels))
 
-    def _read_matte(self, name: str, pixels: slice) -> Floats:
+    def _read_matte(self, name: str, pixels: slice | Indices) -> Floats:
         """Return two slots (n, 4) of each pixel's table, hash and share of its samples in turn."""
         kind = find_pass(name).matte
         table = sort_slots(self.arrays[matte_table(kind)][pixels])
@@ -233,14 +235,14 @@ class Film:
             return divide_by_color(average(name), average(color))
         return average(name)
 
-    def _average(self, name: str, pixels: slice) -> Floats:
+    def _average(self, name: str, pixels: slice | Indices) -> Floats:
         """Return the mean (n, channels) of a pass in some pixels: of its samples, or adaptive of its replications."""
         counts = self.sums.counts.read(pixels)
         if self.pilot and counts.all():
             return (self._average_replication(name, pixels, 0) + self._average_replication(name, pixels, 1)) / 2.0
         return self.sums.read_mean(name, pixels) / np.maximum(counts.sum(axis=1), 1)[:, np.newaxis]
 
-    def _average_replication(self, name: str, pixels: slice, replication: int) -> Floats:
+    def _average_replication(self, name: str, pixels: slice | Indices, replication: int) -> Floats:
         sums = self.sums.read_mean(name, pixels, second=True)
         sums = sums if replication else self.sums.read_mean(name, pixels) - sums
         return sums / np.maximum(self.sums.counts.read(pixels)[:, replication], 1)[:, np.newaxis]

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from raytracer.arrays.rows import mean_column
-from raytracer.arrays.types import Counts, Floats
+from raytracer.arrays.types import Counts, Floats, Indices
 from raytracer.film.counts import iterate_parts
 from raytracer.film.error import (
     PictureError,
@@ -24,6 +24,7 @@ from raytracer.film.error import (
     square_errors,
     weigh_difference,
 )
+from raytracer.film.missed import measure_missed, sort_probes
 from raytracer.film.pixel_parts import PART, Parts
 from raytracer.film.sums import DEVIATIONS, DIFFERENCE, SQUARES, Sums
 from raytracer.film.unmet import find_unmet
@@ -43,13 +44,17 @@ class SummedFilm(Protocol):
     interleaving: int
     time_side: int
     near_misses: tuple[int, ...]
+    probes: tuple[float, ...]
+    samples: int
+    left: int
+    bottom: int
     pilot: int
     sums: Sums
 
     def iterate_rows(self) -> Iterator[slice]:
         """Yield the pixels of one row after the other."""
 
-    def read_pixels(self, name: str, pixels: slice) -> Floats:
+    def read_pixels(self, name: str, pixels: slice | Indices) -> Floats:
         """Return the values (n, channels) of a pass in some pixels."""
 
     def show_replication(self, pixels: slice, replication: int) -> Floats:
@@ -107,7 +112,22 @@ def measure_scatter(film: SummedFilm) -> Scatter | None:
         largest = max(largest, float(read_deviations(film.sums, part).max()))
         fewest = min(fewest, float(np.maximum(film.sums.counts.read(part), 1).sum(axis=1).min()))
     squares = Parts(pixels, lambda part: spread_samples(read_deviations(film.sums, part), film.sums.counts.read(part)))
-    return Scatter(squares, find_unmet(film.near_misses, float(np.sqrt(largest))) / fewest)
+    largest = float(np.sqrt(largest))
+    missed = find_missed(film, largest) if film.probes else (0.0, 0.0)
+    return Scatter(squares, find_unmet(film.near_misses, largest) / fewest, missed)
+
+
+def find_missed(film: SummedFilm, largest: float) -> tuple[float, float]:
+    """Return the sum of the squares of the light that a film's probes show to be missing, and its upper end (`missed`).
+
+    largest : by how much a sample stands out of its pixel, the most of all
+    """
+    probes = sort_probes(film.probes)
+    row, column = probes[:, 3] - film.bottom, probes[:, 2] - film.left
+    inside = (row >= 0) & (row < film.height) & (column >= 0) & (column < film.width)
+    pixel = (row * film.width + column)[inside].astype(np.intp)
+    with np.errstate(over="ignore", invalid="ignore"):  # of what is infinite nothing is known
+        return measure_missed(probes[inside], pixel, film.read_pixels("Combined", pixel)[:, :3], largest, film.samples)
 
 
 def read_deviations(sums: Sums, pixels: slice) -> Floats:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from raytracer.files.archive import Archive, open_archive, take_table, write_archive
 from raytracer.film.counts import MOST_RUNS
 from raytracer.film.film import Film, Statistics
+from raytracer.film.missed import is_table
 from raytracer.film.passes import is_pass
 from raytracer.film.picture_key import PictureKey, restore_key
 from raytracer.film.sums import DEVIATIONS, DIFFERENCE
@@ -128,6 +129,8 @@ def restore_film(outline: dict[str, Any], size: int) -> Film:
     near = fields["near_misses"]
     if not isinstance(near, tuple) or len(near) not in (0, STEPS) or any(type(n) is not int or n < 0 for n in near):
         raise ValueError(f"near misses counted as {near!r:.80}")
+    if not is_table(fields["probes"]):
+        raise ValueError(f"probes listed as {fields['probes']!r:.80}")
     if not isinstance(names, tuple) or not all(is_pass(name) for name in names):
         raise ValueError(f"the passes {names}")
     return Film(**fields, statistics=Statistics(**take_table(outline.get("statistics"))))

@@ -90,6 +90,7 @@ def merge(films: Sequence[Film]) -> Film:
         samples=min(film.samples for film in films),
         total=max(film.total for film in films),
         near_misses=functools.reduce(add_near_misses, (film.near_misses for film in films)),
+        probes=tuple(itertools.chain.from_iterable(film.probes for film in films)),
         label="",
         statistics=add_statistics(films),
     )

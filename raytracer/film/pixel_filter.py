@@ -54,6 +54,21 @@ def sample_pixel_filter(pair: Floats, pixel_filter: str, width: float) -> Floats
     return offset
 
 
+def find_reach(pixel_filter: str, width: float) -> float:
+    """Return how far from a pixel's centre its samples lie at most, along each axis, pixels."""
+    return width / 2.0 if pixel_filter == "box" else width
+
+
+def find_filter_density(offset: Floats, pixel_filter: str, width: float) -> Floats:
+    """Return the density, per pixel, of offsets along one axis, of any shape: that of `sample_pixel_filter`."""
+    position = np.abs(offset) / find_reach(pixel_filter, width)
+    if pixel_filter == "box":
+        return np.where(position <= 1.0, 1.0 / width, 0.0)
+    angle = np.pi * (np.minimum(position, 1.0) + 1.0)
+    window = sum(part * np.cos(k * angle) for k, part in enumerate(BLACKMAN_HARRIS))
+    return np.where(position < 1.0, window / (2.0 * BLACKMAN_HARRIS[0] * width), 0.0)
+
+
 def integrate_blackman_harris(x: Floats) -> Floats:
     """Return the share of the Blackman-Harris window left of x, for x from -1 to 1, its whole support.
 

@@ -180,7 +180,7 @@ def derive_features(scene: Scene) -> Features:
     return Features(
         smooth_normals=any(mesh.normals is not None for mesh in scene.meshes),
         uvs=any(mesh.uvs is not None for mesh in scene.meshes),
-        emission=any(_emits(closure) for closure in closures),
+        emission=has_emission(scene),
         world=scene.world is not None and _shines(scene.world),
         diffuse=any(_is_diffuse(closure) for closure in closures),
         translucent=any(closure.kind == "translucent" and _is_diffuse(closure) for closure in closures),
@@ -207,6 +207,11 @@ def derive_features(scene: Scene) -> Features:
         and _is_any_instance(scene, "caustics_caster")
         and _is_any_instance(scene, "caustics_receiver"),
     )
+
+
+def has_emission(scene: Scene) -> bool:
+    """True where a material shines."""
+    return any(_emits(closure) for material in scene.materials for closure in material.closures)
 
 
 def has_media(scene: Scene) -> bool:

@@ -48,7 +48,7 @@ def list_glints(lights: Iterable[Light], emitters: Emitters | None, background: 
 
     Of what a program computes its mean is taken.
     """
-    glints = [_describe_light(light) for light in lights]
+    glints = [describe_light(light) for light in lights]
     if emitters is not None and not emitters.is_empty:
         glints.append(Glint(float(emitters.power_density.max()) * emitters.power, np.zeros(3), np.inf))
     if background is not None and background.grid is not None:
@@ -62,7 +62,7 @@ def list_glints(lights: Iterable[Light], emitters: Emitters | None, background: 
     return glints
 
 
-def _describe_light(light: Light) -> Glint:
+def describe_light(light: Light) -> Glint:
     """Return a light with extent, as it is seen on its axis."""
     if isinstance(light, SunLight):
         seen = evaluate_light(light, np.zeros((1, 3)), light.direction[np.newaxis])

@@ -27,6 +27,7 @@ from raytracer.lights.shared_points import choose_interleaving
 from raytracer.media.majorants import Majorants
 from raytracer.processes.dropping import is_dropped
 from raytracer.processes.pool import Pool
+from raytracer.rendering.probes import CameraSamples, add_probes, make_prober, split_probes
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
 from raytracer.sampling.dimensions import FILTER_DIMENSION, FILTER_PAIR, LENS_DIMENSION, LENS_PAIR
 from raytracer.sampling.sobol import REPLICATIONS, SobolSamples, split_numbers
@@ -123,6 +124,7 @@ class BlockResult:
     centre_values : (pixels, channels) float64 by pass, of the ray through the centre, where that was asked for
     rays : how many were cast
     seconds : by the clock
+    probes : what was seen by rays aimed at small light, rows of `film.missed`, one after the other
     """
 
     block: Block | ListedBlock
@@ -130,6 +132,7 @@ class BlockResult:
     centre_values: Mapping[str, Floats] | None
     rays: int
     seconds: float
+    probes: tuple[float, ...] = ()
 
 
 def make_window(scene: Scene, width: int, height: int, settings: Settings) -> FrameWindow:
@@ -223,6 +226,9 @@ class BlockTracer:
         self._caster = WatchedCaster(caster, is_cancelled)
         self._integrator = self._prepare(scene, from_centre=False)
         self._centre_integrator = self._prepare(scene, from_centre=True)
+        self._prober = None
+        if self._integrator is not None:
+            self._prober = make_prober(scene, self._integrator, window.camera, self._resolution, settings)
 
     def _prepare(self, scene: Scene, from_centre: bool) -> Integrator | None:
         """Return an integrator for the passes of one kind, or None where there are none of it."""
@@ -245,20 +251,24 @@ class BlockTracer:
         started, rays_before = time.perf_counter(), self._caster.rays
         samples, column, row = locate_pixels(self._window, block, self._settings.seed)
         values: Mapping[str, Floats] = {}
-        centre_values = None
+        centre_values, probes = None, None
+        seen: tuple[float, ...] = ()
         if self._integrator:
             pair = samples.uniform_pair(FILTER_DIMENSION, FILTER_PAIR)
             offset = sample_pixel_filter(pair, self._settings.pixel_filter, cast(float, self._settings.filter_width))
             lens = None
             if self._window.camera.aperture_radius > 0:
                 lens = samples.uniform_pair(LENS_DIMENSION, LENS_PAIR)
-            values = self._trace(self._integrator, column + offset[:, 0], row + offset[:, 1], samples, lens)
+            starts = CameraSamples(column + offset[:, 0], row + offset[:, 1], samples, lens)
+            if self._prober is not None and isinstance(block, Block):
+                starts, probes = add_probes(self._prober, starts, block.sample, len(block))
+            values, seen = split_probes(self._trace(self._integrator, *starts), probes)
         if self._centre_integrator and block.sample == 0:
             first = slice(0, len(block))
             centre_values = self._trace(self._centre_integrator, column[first], row[first], samples.select(first))
         values = add_to_strip(block, values)
         rays, seconds = self._caster.rays - rays_before, time.perf_counter() - started
-        return BlockResult(block, values, centre_values, rays, seconds)
+        return BlockResult(block, values, centre_values, rays, seconds, seen)
 
     def _trace(
         self, integrator: Integrator, x: Floats, y: Floats, samples: SobolSamples, lens: Floats | None = None

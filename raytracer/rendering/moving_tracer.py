@@ -86,11 +86,12 @@ class MovingTracer:
         assert isinstance(block, Block)
         started, rays = time.perf_counter(), 0
         values: dict[str, Floats] = {}
+        probes: tuple[float, ...] = ()
         for number in range(block.samples) if self._sampled else ():
             first = number * len(block)
             for rows, part, moment in self._split(block, block.sample + number):
                 result = self._trace(self._sampled, part, moment)
-                rays += result.rays
+                rays, probes = rays + result.rays, probes + result.probes
                 _put(values, first + rows, result.values, block.samples * len(block))
         centre_values: dict[str, Floats] | None = None
         if self._centred and block.sample == 0:
@@ -99,7 +100,8 @@ class MovingTracer:
                 result = self._trace(self._centred, part, moment)
                 rays += result.rays
                 _put(centre_values, rows, result.centre_values or {}, len(block))
-        return BlockResult(block, add_to_strip(block, values), centre_values, rays, time.perf_counter() - started)
+        seconds = time.perf_counter() - started
+        return BlockResult(block, add_to_strip(block, values), centre_values, rays, seconds, probes)
 
     def _split(self, block: Block, number: int | None) -> Iterator[tuple[Indices, Block, float]]:
         """Yield the rows of a block's pixels that are seen at one time, as a block of their own, and the time.

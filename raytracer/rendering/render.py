@@ -17,6 +17,7 @@ from typing import Any
 from raytracer.arrays.memory import release_freed_memory
 from raytracer.casting.caster import Caster, build
 from raytracer.film.film import Film
+from raytracer.film.missed import select_sweep
 from raytracer.film.passes import select_passes
 from raytracer.film.picture_key import PictureKey, describe_difference
 from raytracer.integrator.features import derive_features
@@ -281,11 +282,13 @@ def add_result(film: Film, result: BlockResult, ending: Ending, ends_sweep: bool
         film.set_centre(pixels, result.centre_values)
     if block.strip is not None:
         film.put_strip(pixels, block.strip)
+        film.probes += result.probes
         film.samples += block.samples * ends_sweep
         return ending.find(film) if ends_sweep else None
     whole = len(block) == film.width * film.height
     for number in range(block.samples):
         add_sample(film, pixels, block, result.values, number)
+        film.probes += select_sweep(result.probes, block.sample + number)
         film.samples += ends_sweep
         if ends_sweep and (whole or number == block.samples - 1):
             ended_by = ending.find(film)

@@ -28,6 +28,8 @@ OCCLUSION_DIMENSION = 2**32 - 5
 TIME_DIMENSION = 2**32 - 6
 # Where rays go that look for normals around, for passes which shaders write.
 AOV_BEVEL_DIMENSION = 2**32 - 7
+# At what rays are aimed, and through what, that look for small light (`rendering.probes`).
+SIGHT_DIMENSION = 2**32 - 8
 # Dimensions from here on belong to the sets of pixels that share samples.
 SHARED_DIMENSION = 2**31
 

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from raytracer.film.pixel_filter import BLACKMAN_HARRIS, QUANTILES, integrate_blackman_harris, sample_pixel_filter
+from raytracer.film.pixel_filter import (
+    BLACKMAN_HARRIS,
+    QUANTILES,
+    find_filter_density,
+    find_reach,
+    integrate_blackman_harris,
+    sample_pixel_filter,
+)
 
 
 def make_even_pairs(count: int) -> np.ndarray:
@@ -51,3 +58,16 @@ def test_box_offsets_fill_the_box():
 @pytest.mark.parametrize("pixel_filter", ["box", "blackman_harris"])
 def test_width_zero_is_the_centre(pixel_filter):
     assert not sample_pixel_filter(make_even_pairs(100), pixel_filter, 0.0).any()
+
+
+@pytest.mark.parametrize(("pixel_filter", "width"), [("blackman_harris", 1.5), ("blackman_harris", 0.7), ("box", 2.5)])
+def test_the_density_is_that_of_the_offsets(pixel_filter, width):
+    """Of 2^16 even offsets in each of 50 parts of the reach, and nothing beyond it."""
+    offset = np.abs(sample_pixel_filter(make_even_pairs(1 << 16), pixel_filter, width)[:, 0])
+    reach = find_reach(pixel_filter, width)
+    counts, edges = np.histogram(offset, 50, (0.0, reach))
+    assert counts.sum() == 1 << 16
+    fine = (np.arange(50 * 64) + 0.5) / 64 * edges[1]
+    share = 2.0 * find_filter_density(fine, pixel_filter, width).reshape(50, 64).mean(axis=1) * edges[1]
+    np.testing.assert_allclose(counts / (1 << 16), share, atol=1e-4)  # a few offsets at either end, and midpoints
+    assert find_filter_density(np.array([-1.01, 1.01]) * reach, pixel_filter, width).tolist() == [0.0, 0.0]

@@ -72,12 +72,7 @@ def test_intervals_hold_the_error_of_a_scene_without_fireflies():
     assert 0.85 < truth.within[truth.is_plain].mean() < 0.99
 
 
-MISSED = pytest.mark.xfail(
-    strict=True, reason="seed 4 has met no bulb, and small emitters that are seen straight leave no near misses"
-)
-
-
-@pytest.mark.parametrize("samples", [pytest.param(8, marks=MISSED), 16])
+@pytest.mark.parametrize("samples", [8, 16])
 def test_a_scene_of_fireflies_says_so(samples):
     truth = find_truth("blur", 12, samples)
     assert all(told.note for told in truth.told)
