@@ -240,11 +240,11 @@ class Film:
         counts = self.sums.counts.read(pixels)
         if self.pilot and counts.all():
             return (self._average_replication(name, pixels, 0) + self._average_replication(name, pixels, 1)) / 2.0
-        return self.sums.read_mean(name, pixels) / np.maximum(counts.sum(axis=1), 1)[:, np.newaxis]
+        return self.sums.read_sums(name, pixels) / np.maximum(counts.sum(axis=1), 1)[:, np.newaxis]
 
     def _average_replication(self, name: str, pixels: slice | Indices, replication: int) -> Floats:
-        sums = self.sums.read_mean(name, pixels, second=True)
-        sums = sums if replication else self.sums.read_mean(name, pixels) - sums
+        sums = self.sums.read_sums(name, pixels, second=True)
+        sums = sums if replication else self.sums.read_sums(name, pixels) - sums
         return sums / np.maximum(self.sums.counts.read(pixels)[:, replication], 1)[:, np.newaxis]
 
     def show_replication(self, pixels: slice, replication: int) -> Floats:

@@ -190,7 +190,7 @@ class Sums:
             apart = np.where((counts > 0).all(axis=1), mean_column(self.read(DIFFERENCE, pixels)), np.float32(0.0))
             return (apart * apart / np.float32(2.0))[:, np.newaxis]
 
-    def read_mean(self, name: str, pixels: slice | Indices, second: bool = False) -> Floats:
+    def read_sums(self, name: str, pixels: slice | Indices, second: bool = False) -> Floats:
         """Return the sums (n, channels) of a pass, all of its channels; second : of the second replication alone."""
         end = SECOND if second else ""
         found: Floats = self.arrays[name + end][pixels]

@@ -103,7 +103,7 @@ def test_alpha_of_each_replication_is_that_of_its_samples(rng, catches, pilot):
     for second, rows in ((False, samples), (True, samples[1::2])):
         if second and not (catches or pilot):
             continue
-        found = film.sums.read_mean("Combined", slice(None), second)
+        found = film.sums.read_sums("Combined", slice(None), second)
         np.testing.assert_allclose(found, rows.sum(axis=0), rtol=1e-15)  # a few roundings of float64
 
 

@@ -220,6 +220,11 @@ def make_moving_scene():
 PASSES = ("Combined", "Normal", "Depth", "Error")
 
 
+def sum_samples(scene, width, height, samples):
+    """Return the sums (n, 4) of the colors and alphas that a render adds up."""
+    return render(scene, width, height, samples, seed=3).sums.read_sums("Combined", slice(None))
+
+
 def test_a_picture_is_made_of_plain_renders_of_its_moments():
     """Each pixel's sample is that of the scene as it is at the pixel's time, rendered like any other."""
     scene, (width, height) = make_moving_scene(), (12, 6)
@@ -229,11 +234,11 @@ def test_a_picture_is_made_of_plain_renders_of_its_moments():
         times = sample_times(scene.motion, number, 3, 2, column, row, height)
         for moment in np.unique(times):
             still = find_moment(scene, moment)
-            before = render(still, width, height, number, seed=3).arrays["Combined"] if number else previous
-            after = render(still, width, height, number + 1, seed=3).arrays["Combined"]
+            before = sum_samples(still, width, height, number) if number else previous
+            after = sum_samples(still, width, height, number + 1)
             seen = times == moment
             expected[seen] += (after - before)[seen]
-    found = render(scene, width, height, 4, seed=3).arrays["Combined"]
+    found = sum_samples(scene, width, height, 4)
     assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
 
 

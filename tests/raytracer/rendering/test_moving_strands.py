@@ -123,6 +123,11 @@ def add_fur(scene):
     return replace(scene, curves=groups, motion=replace(scene.motion, curves=motions))
 
 
+def sum_samples(scene, width, height, samples, **settings):
+    """Return the sums (n, 4) of the colors and alphas that a render adds up."""
+    return render(scene, width, height, samples, seed=3, **settings).sums.read_sums("Combined", slice(None))
+
+
 def test_a_picture_of_fur_is_made_of_plain_renders_of_its_moments():
     """Each pixel's sample is that of the strands as they are at the pixel's time, rendered like any other."""
     plain, (width, height) = make_moving_scene(), (12, 6)
@@ -132,18 +137,18 @@ def test_a_picture_of_fur_is_made_of_plain_renders_of_its_moments():
     expected = np.zeros((height * width, 4))
     for moment in np.unique(times):
         still, seen = find_moment(scene, moment), times == moment
-        expected[seen] = render(still, width, height, 1, seed=3).arrays["Combined"][seen]
-    found = render(scene, width, height, 1, seed=3).arrays["Combined"]
+        expected[seen] = sum_samples(still, width, height, 1)[seen]
+    found = sum_samples(scene, width, height, 1)
     assert np.array_equal(found, expected)
-    assert not np.array_equal(found, render(plain, width, height, 1, seed=3).arrays["Combined"])
+    assert not np.array_equal(found, sum_samples(plain, width, height, 1))
 
 
 def test_bits_of_fur_depend_on_no_block_or_file(tmp_path):
     scene = add_fur(make_moving_scene())
-    whole = render(scene, 12, 6, 2).arrays["Combined"]
-    assert np.array_equal(whole, render(scene, 12, 6, 2, block_size=13).arrays["Combined"])
+    whole = sum_samples(scene, 12, 6, 2)
+    assert np.array_equal(whole, sum_samples(scene, 12, 6, 2, block_size=13))
     raytracer.save(scene, tmp_path / "fur.npz")
-    assert np.array_equal(whole, render(raytracer.load(tmp_path / "fur.npz"), 12, 6, 2).arrays["Combined"])
+    assert np.array_equal(whole, sum_samples(raytracer.load(tmp_path / "fur.npz"), 12, 6, 2))
 
 
 def test_a_scene_without_strands_in_motion_pays_nothing(monkeypatch):
