@@ -47,7 +47,8 @@ class StripGrid(Grid):
 
     inclusive = False
     tile = TILE
-    large = 24
+    # Camera rays are alike from 32 to 48, 5% slower with 24; shadow rays in a room are slower with 48.
+    large = 32
 
     def __init__(self, view: View) -> None:
         image = view.image
