@@ -42,7 +42,7 @@ SMALLEST_PART, PARTS = 8192, 3
 # Triangles boxed and sorted together, and set up together: what they need fits the cache.
 DRAW_BLOCK, SET_UP_BLOCK = 1 << 16, 1 << 14
 # Tiles of large triangles set up together.
-TILE_BLOCK = 4096
+TILE_BLOCK = 8192
 
 
 class Kept(NamedTuple):
