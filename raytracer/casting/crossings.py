@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats, Indices
+from raytracer.casting.candidates import Candidates
 from raytracer.casting.geometry import Ids, Kind
 from raytracer.casting.primitives import Primitives, gather_corners
-from raytracer.casting.query import Candidates, Query
+from raytracer.casting.query import Query
 from raytracer.casting.rays import Rays
 from raytracer.predicates import exact
 

@@ -14,46 +14,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats, Indices
-from raytracer.casting.edges import judge_edges, name_axis_planes, name_meeting_points
+from raytracer.casting.candidates import Candidates, find_runs, join_candidates
+from raytracer.casting.decide import decide_exactly
+from raytracer.casting.edges import judge_edges
 from raytracer.casting.geometry import Ids, Kind
 from raytracer.casting.measure import TURNS, Chosen, gather_lines, gather_turned, lie_out_of_range, measure_hits
 from raytracer.casting.order import Order
 from raytracer.casting.passed import Passed, bound_distances, find_keys
-from raytracer.casting.primitives import Primitives, gather_corners, gather_spheres
-from raytracer.casting.rays import Hits, Rays, make_misses
+from raytracer.casting.places import name_places
+from raytracer.casting.primitives import Primitives, gather_spheres
+from raytracer.casting.rays import Hits, Rays, find_main_axis, make_misses
 from raytracer.predicates import exact, filtered
 from raytracer.predicates.rounding import gamma
 
 NO_ID = np.iinfo(np.int64).max
-
-
-class Candidates(NamedTuple):
-    """k candidates with what is known of them.
-
-    t : (k,) the distance as computed; low : (k,) certainly no more than the exact one
-    certain : (k,) bool, the primitive is hit within the ray's range beyond doubt
-    """
-
-    ray: Indices
-    primitive_id: Ids
-    t: Floats
-    low: Floats
-    certain: Booleans
-
-    def select(self, index: Indices | Booleans | slice) -> Candidates:
-        return Candidates(
-            self.ray[index], self.primitive_id[index], self.t[index], self.low[index], self.certain[index]
-        )
-
-
-def _join(parts: list[Candidates]) -> Candidates:
-    return Candidates(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 class Query:
@@ -80,7 +60,7 @@ class Query:
         self.any_hit = any_hit
         self.order = order
         self.certified = primitives.precision == "certified"
-        self.axis = _main_axis(rays.directions)
+        self.axis = find_main_axis(rays.directions)
         self.axes = np.flatnonzero(np.bincount(self.axis, minlength=3)).tolist()
         self.t_min = self.surely_begun = np.maximum(rays.t_min, 0.0)
         self.passed: Passed | None = None
@@ -117,10 +97,6 @@ class Query:
         reach = np.maximum(np.maximum(away[0], away[1]), away[2])
         # Three roundings: two differences and the product that absorbs them.
         return filtered.edge_error_of_ray(lines[6:], reach * (1 + gamma(3)))
-
-    def _turned_spheres(self, primitive_id: Ids, axis: int) -> tuple[NDArray, NDArray]:
-        centre, radius = gather_spheres(self.primitives, primitive_id)
-        return centre[TURNS[axis]], radius
 
     def settle(self, ray: Indices, primitive_id: Ids) -> None:
         """Take in triangles that are certainly hit; if the closest are asked for, the only candidates of their rays."""
@@ -174,9 +150,9 @@ class Query:
         return self._weigh(ray, primitive_id, plane.t, plane.t_error, inside, possible)
 
     def _offer_spheres(self, ray: Indices, primitive_id: Ids, axis: int) -> Indices:
-        centre, radius = self._turned_spheres(primitive_id, axis)
+        centre, radius = gather_spheres(self.primitives, primitive_id)
         lines = gather_lines(self.primitives, self.rays, ray, axis)
-        roots = filtered.intersect_sphere_certified(lines[3:6], centre - lines[:3], radius)
+        roots = filtered.intersect_sphere_certified(lines[3:6], centre[TURNS[axis]] - lines[:3], radius)
         t_min = self.t_min[ray]
         if not self.certified:
             left = ~(roots.near >= t_min)
@@ -220,7 +196,7 @@ class Query:
         ray = np.concatenate([ray[known], ray])
         primitive_id = np.concatenate([self.best_id[ray[: len(known)]], primitive_id])
         sorted_ = self._sort_by_key(ray, primitive_id)
-        first = sorted_[_runs(ray[sorted_])[:, 0]]
+        first = sorted_[find_runs(ray[sorted_])[:, 0]]
         self.best_id[ray[first]] = primitive_id[first]
 
     def _sort_by_key(self, ray: Indices, primitive_id: Ids) -> Indices:
@@ -271,7 +247,7 @@ class Query:
         assert self.passed is not None
         level, rows = np.zeros(len(ray), dtype=np.bool_), np.flatnonzero(near)
         ray, primitive_id, last = ray[rows], primitive_id[rows], self.passed.met[ray[rows]]
-        for name, other in zip(self._name_places(ray, primitive_id), self._name_places(ray, last), strict=True):
+        for name, other in zip(self._name(ray, primitive_id), self._name(ray, last), strict=True):
             level[rows] |= (name == other).all(axis=0)
         return level
 
@@ -280,7 +256,7 @@ class Query:
         if not self.pool:
             nothing = np.zeros(0)
             return Candidates(nothing.astype(np.intp), nothing.astype(np.int64), nothing, nothing, nothing > 0)
-        everything = _join(self.pool)
+        everything = join_candidates(self.pool)
         return everything.select(np.flatnonzero(everything.low <= self.best.take(everything.ray)))
 
     @np.errstate(all="ignore")
@@ -292,7 +268,7 @@ class Query:
             left = left.select(np.flatnonzero(~found[left.ray]))  # a certain hit leaves no doubt
             beyond = lie_out_of_range(self.primitives, self.rays, self.t_min, left.ray, left.primitive_id)
             left = self._sort(left.select(np.flatnonzero(~beyond)))
-            for start, stop in _runs(left.ray):
+            for start, stop in find_runs(left.ray):
                 found[left.ray[start]] = self._decide(left, start, stop).chosen >= 0
         return found
 
@@ -308,7 +284,7 @@ class Query:
             t = self.best[ray]
             self.settled.append(Candidates(ray, self.best_id[ray], t, t, np.ones(len(ray), bool)))
         if self.settled:
-            self._measure(hits, _join(self.settled))
+            self._measure(hits, join_candidates(self.settled))
         return hits if self.tied is None else replace(hits, tied=self._find_tied(hits))
 
     def _find_tied(self, hits: Hits) -> Booleans:
@@ -335,7 +311,7 @@ class Query:
 
     def _choose(self, left: Candidates) -> Candidates:
         """The first of each ray's candidates, sorted; rays that hit none are left out."""
-        runs = _runs(left.ray)
+        runs = find_runs(left.ray)
         chosen = runs[:, 0].copy()
         for run in np.flatnonzero(~self._are_settled(left, runs)):
             chosen[run] += self._decide(left, *runs[run]).chosen
@@ -361,58 +337,15 @@ class Query:
         first_member = np.searchsorted(member, np.repeat(first, size)[member])
         together = np.repeat(size == 1, size)
         together[member] = False
-        for name in self._name_places(left.ray[member], left.primitive_id[member]):
+        for name in self._name(left.ray[member], left.primitive_id[member]):
             together[member] |= (name == name[:, first_member]).all(axis=0)
         return certain & np.logical_and.reduceat(together, first)
 
-    def _name_places(self, ray: Indices, primitive_id: Ids) -> tuple[Floats, ...]:
-        """Names, (rows, k) each, of where k rays meet primitives, by which exactly equal distances are recognised: a
-        corner or edge, an axis plane (`edges`), or the whole triangle; NaN where there is none, and for spheres."""
-        points, planes, triangles = (np.full((rows, len(ray)), np.nan) for rows in (6, 2, 9))
-        triangle = np.flatnonzero((primitive_id >= 0) & self.primitives.geometry.is_kind(primitive_id, Kind.TRIANGLE))
-        ray, primitive_id = ray[triangle], primitive_id[triangle]
-        for axis, part in self._by_axis(ray):
-            corners = gather_turned(self.primitives, primitive_id[part], axis)
-            points[:, triangle[part]] = name_meeting_points(
-                gather_lines(self.primitives, self.rays, ray[part], axis), corners
-            )
-            planes[:, triangle[part]] = name_axis_planes(corners)
-            triangles[:, triangle[part]] = corners.reshape(9, -1)
-        return points, planes, triangles
+    def _name(self, ray: Indices, primitive_id: Ids) -> tuple[Floats, ...]:
+        return name_places(self.primitives, self.rays, self.axis, ray, primitive_id)
 
     def _decide(self, left: Candidates, start: int, stop: int) -> exact.ExactHit:
         """Settle one ray's candidates, sorted by key, in integers."""
         self.exact_count += 1
-        ray, primitive_id = left.ray[start], left.primitive_id[start:stop]
-        is_sphere = ~self.primitives.geometry.is_kind(primitive_id, Kind.TRIANGLE)
-        rank = np.argsort(is_sphere, kind="stable")  # triangles come first there
-        primitive_id, triangles = primitive_id[rank], len(rank) - int(is_sphere.sum())
-        corners = gather_corners(self.primitives, primitive_id[:triangles]).T.reshape(-1, 3, 3)
-        centre, radius = gather_spheres(self.primitives, primitive_id[triangles:])
-        decision = exact.closest_candidate(
-            self.rays.origins[ray].tolist(),
-            self.rays.directions[ray].tolist(),
-            float(self.t_min[ray]),
-            float(self.rays.t_max[ray]),
-            corners,
-            np.vstack([centre, radius]).T,
-            rank.tolist(),
-            exact.NOTHING_BEHIND if self.passed is None else self.passed.describe(ray, primitive_id),
-        )
-        return decision if decision.chosen < 0 else decision._replace(chosen=int(rank[decision.chosen]))
-
-
-def _main_axis(directions: Floats) -> NDArray[np.int8]:
-    """(n,) the axis of each direction's largest component; the last of equals."""
-    x, y, z = np.abs(np.ascontiguousarray(directions.T))
-    axis = (y >= x).view(np.int8)
-    np.copyto(axis, 2, where=z >= np.maximum(x, y))
-    return axis
-
-
-def _runs(sorted_values: Indices) -> NDArray[np.intp]:
-    """(g, 2) start and stop of each run of equal values."""
-    if not len(sorted_values):
-        return np.zeros((0, 2), np.intp)
-    starts = np.flatnonzero(np.concatenate([[True], sorted_values[1:] != sorted_values[:-1]]))
-    return np.stack([starts, np.append(starts[1:], len(sorted_values))], axis=1)
+        ray, primitive_id = int(left.ray[start]), left.primitive_id[start:stop]
+        return decide_exactly(self.primitives, self.rays, self.t_min, self.passed, ray, primitive_id)

@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from raytracer.arrays.checks import as_array
 from raytracer.arrays.rows import Mode, find_mode, take_rows
@@ -202,3 +202,11 @@ def make_misses(valid: Booleans, tied: bool = False) -> Hits:
         valid=valid,
         tied=np.zeros(count, dtype=np.bool_) if tied else None,
     )
+
+
+def find_main_axis(directions: Floats) -> NDArray[np.int8]:
+    """Return the axis (n,) of each direction's largest component; the last of equals."""
+    x, y, z = np.abs(np.ascontiguousarray(directions.T))
+    axis = (y >= x).view(np.int8)
+    np.copyto(axis, 2, where=z >= np.maximum(x, y))
+    return axis
