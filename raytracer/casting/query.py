@@ -275,8 +275,7 @@ class Query:
     @np.errstate(all="ignore")
     def closest(self) -> Hits:
         """The closest hit of each ray."""
-        count = len(self.rays)
-        hits = make_misses(np.ones(count, dtype=bool))
+        hits = make_misses(np.ones(len(self.rays), dtype=bool))
         if self.certified:
             self._close_certified()
         else:
