@@ -17,9 +17,8 @@ import numpy as np
 
 from raytracer.casting.caster import Caster, build
 from raytracer.casting.rays import Hits
-from raytracer.film.film import Film, Statistics
+from raytracer.film.film import Film
 from raytracer.film.parts import merge
-from raytracer.film.sums import Sums
 from raytracer.integrator.settings import Settings
 from raytracer.processes.dask_pool import take_result
 from raytracer.rendering.render import prepare_film, render
@@ -68,22 +67,21 @@ def render_on(
         for number in range(1, count + 1)
     ]
     films = []
-    for number, future in enumerate(futures, 1):
-        film, _ = prepare_film(whole, width, height, Settings(samples=samples, **{**settings, "tile": (number, count)}))
+    for future in futures:
+        film = take_result(future)
         film.key = empty.key
-        films.append(fill_film(film, *take_result(future)))
+        films.append(film)
         future.release()
     return merge(films)
 
 
 def render_tile(
     scene: str | Scene, width: int, height: int, samples: int, tile: tuple[int, int], settings: dict[str, Any]
-) -> tuple[Sums, int, Statistics]:
-    """Render a tile in a process of the cluster; return its film's sums, its samples, and what it took."""
+) -> Film:
+    """Render a tile in a process of the cluster; return its film, with all that it knows of its error."""
     opened = load_once(scene, os.stat(scene).st_mtime_ns) if isinstance(scene, str) else scene
     caster = build_once(opened, settings.get("precision", Settings.precision))
-    film = render(opened, width, height, samples, caster=caster, **{**settings, "tile": tile})
-    return film.sums, film.samples, film.statistics
+    return render(opened, width, height, samples, caster=caster, **{**settings, "tile": tile})
 
 
 @lru_cache(maxsize=1)
@@ -96,12 +94,6 @@ def load_once(path: str, written: int) -> Scene:
 def build_once(scene: Scene, precision: str) -> Caster:
     """Return a scene's caster, which all tiles of this process use."""
     return build(scene, precision)
-
-
-def fill_film(film: Film, sums: Sums, samples: int, statistics: Statistics) -> Film:
-    """Return an empty film with what another process added up."""
-    film.sums, film.samples, film.statistics = sums, samples, statistics
-    return film
 
 
 def cast_blocks(caster: Caster, origins: Any, directions: Any) -> Any:

@@ -55,6 +55,7 @@ def test_render_on_a_cluster_gives_the_same_film_from_a_file_and_from_a_scene(cl
         film = raytracer.render_on(client, scene, 40, 30, 3, tiles=7, **SETTINGS)
         assert same(film, expect())
         assert film.statistics.rays == expect().statistics.rays
+        assert (film.near_misses, film.ended_by) == (expect().near_misses, expect().ended_by)
 
 
 @pytest.mark.parametrize("way", ["pool", "tiles"])
