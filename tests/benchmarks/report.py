@@ -84,7 +84,8 @@ def write_report(numbers, folder):
         write("speed.md", [SPEED_HEAD, *describe_run(numbers), *write_speed(numbers), bounds])
     if numbers.get("equal_error"):
         draw("equal_error.png", plots.plot_equal_error)
-        write("equal_error.md", [EQUAL_ERROR_HEAD, *describe_run(numbers), *write_equal_error(numbers)])
+        bounds = Path(__file__).with_name("equal_error_bounds.md").read_text(encoding="utf-8")
+        write("equal_error.md", [EQUAL_ERROR_HEAD, *describe_run(numbers), *write_equal_error(numbers), bounds])
     if write_pictures(numbers):
         images = []
         if numbers.get("convergence"):
