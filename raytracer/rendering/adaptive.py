@@ -32,8 +32,16 @@ class AdaptivePlan(BlockPlan):
         self, film: Film, window: FrameWindow, settings: Settings, sweeps: int, growth: float | None = None
     ) -> None:
         pixels, even = film.width * film.height, min(film.pilot, sweeps)
-        shared = {"workers": settings.workers, "done": film.samples, "ahead": film.ahead}
-        super().__init__(pixels, even, settings.block_size, growth, **shared)
+        super().__init__(
+            pixels,
+            even,
+            settings.block_size,
+            growth,
+            workers=settings.workers,
+            done=film.samples,
+            ahead=film.ahead,
+            is_timed=settings.seconds is not None,
+        )
         self._film, self._total = film, sweeps
         self._offset = draw_offsets(film, window, settings.seed)
 
@@ -108,8 +116,6 @@ def check_counts(film: Film, window: FrameWindow, seed: int) -> None:
 
     Those of tiles that were put together after it do not: samples would be taken twice, and others never.
     """
-    if film.samples < film.pilot:
-        return
     density, offset = decide_density(film), draw_offsets(film, window, seed)
     expected = count_listed(density, offset, film.samples, film.pilot)
     pixels, numbers = list_sweep(density, offset, film.samples, film.pilot)
@@ -163,7 +169,7 @@ def add_listed(film: Film, result: BlockResult, ending: Ending) -> EndedBy | Non
         film.ahead += stop - start
         for _ in range(block.ends.count(stop)):
             film.samples, film.ahead = film.samples + 1, 0
-            ended_by = ending.find(film)
+            ended_by = ending.find(film, is_amid=stop < block.ends[-1])
             if ended_by:
                 return ended_by
         start = stop

@@ -51,6 +51,8 @@ class BlockPlan:
     done, ahead : sweeps that are done already, and the first pixels that have samples of the next ones
     ahead_samples : how many of them these have
     gathered : the most sweeps of which a worker takes a part of the picture
+    is_timed : True where time may end it: the first block tells how long a sweep takes, and the next ones are no
+        longer than all before them
     """
 
     def __init__(
@@ -65,6 +67,7 @@ class BlockPlan:
         ahead: int = 0,
         ahead_samples: int = 1,
         gathered: int = 1,
+        is_timed: bool = False,
     ) -> None:
         self.pixels = pixels
         self.sweeps = sweeps
@@ -72,6 +75,7 @@ class BlockPlan:
         self._workers = workers
         self._gathered = gathered
         self._done = (done, ahead, ahead_samples)
+        self._begun, self._is_timed = done, is_timed
         self._largest = largest if pixels < LARGE_PICTURE else min(largest, USUAL_BLOCK)
         self._size = min(largest, USUAL_BLOCK)
         self._has_begun = False
@@ -103,7 +107,12 @@ class BlockPlan:
         left = self.sweeps - sample
         if self._growth is None:
             return left
-        return min(left, max(1, int(sample * self._growth)) if sample else FIRST_SWEEPS)
+        since = sample - self._begun
+        if self._is_timed:
+            most = since if since < FIRST_SWEEPS else int(since * self._growth)
+        else:
+            most = int(sample * self._growth) if sample else FIRST_SWEEPS
+        return min(left, max(1, most))
 
     def _share(self, sample: int, start: int) -> int:
         """Return a worker's part of what is left from a pixel of a sweep on."""

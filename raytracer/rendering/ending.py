@@ -33,9 +33,11 @@ class Ending:
     def __init__(self, settings: Settings, sweeps: int, started: float, done: int = 0) -> None:
         self._settings = settings
         self.sweeps = self._expected = sweeps
-        self._started = started
+        self._started, self._done = started, done
         self._share = 0.0
         self._next_look = round_up(settings.min_samples or FEWEST_SAMPLES)
+        self._plan_look(done - 1)
+        self._looks_first = self._next_look == done
         self._plan_look(done)
 
     @property
@@ -43,20 +45,33 @@ class Ending:
         """True where the error may end it."""
         return self._settings.error is not None
 
-    def find(self, film: Film) -> EndedBy | None:
-        """Return why a film with `film.samples` finished sweeps is done, or None; called after each sweep."""
+    def find_first(self, film: Film) -> EndedBy | None:
+        """Return why a film that goes on is done as it is, or None; called before its first sweep.
+
+        Where an error has ended it, or would have, more samples would make it another picture than one in one go.
+        """
+        error = self._settings.error
+        is_due = error is not None and self._looks_first and not film.ahead
+        return "error" if is_due and film.error <= error else None
+
+    def find(self, film: Film, is_amid: bool = False) -> EndedBy | None:
+        """Return why a film with `film.samples` finished sweeps is done, or None; called after each sweep.
+
+        is_amid : True where the next sweep has been traced together with this one, and takes no more time
+        """
         if self._settings.error is not None and self._reaches_error(film, self._settings.error):
             return "error"
         if film.samples >= self.sweeps:
             return "samples"
-        return "time" if self._is_late(film.samples) else None
+        return "time" if not is_amid and self._is_late(film.samples - self._done) else None
 
     def _reaches_error(self, film: Film, target: float) -> bool:
         if film.samples < self._next_look:
             return False
         error = film.error
         self._plan_look(film.samples)
-        needed = film.samples * (error / target) ** (1.0 / USUAL_POWER)
+        # No more times than there are sweeps, so that no power is too large for a float.
+        needed = film.samples * min(error / target, float(self.sweeps)) ** (1.0 / USUAL_POWER)
         self._expected = int(min(max(needed, film.samples), self.sweeps))
         return error <= target
 
@@ -65,7 +80,7 @@ class Ending:
             self._next_look = round_up(max(self._next_look + 2, int(self._next_look * LOOK_GROWTH)))
 
     def _is_late(self, done: int) -> bool:
-        """True where another sweep would take longer than there is time."""
+        """True where another sweep, after those that this render has `done`, would take longer than there is time."""
         seconds = self._settings.seconds
         if seconds is None:
             return False

@@ -123,11 +123,14 @@ def render(
             pool = stack.enter_context(Workers(chosen.workers))
         make_tracer = None if scene.motion is None else MovingTracer
         arguments = (scene, caster, window, chosen if film.pilot else replace(chosen, adaptive=False))
-        phases = plan.phases() if pool is None else (hand_out(film, blocks) for blocks in plan.phases())
+        phases = plan.phases()
+        if pool is not None and chosen.error is None:  # which looks at every sweep
+            phases = (hand_out(film, blocks) for blocks in phases)
         results = trace_blocks(pool, arguments, phases, is_cancelled or _never, tell, make_tracer)
         ending = Ending(chosen, limit_sweeps(chosen, until), time.perf_counter(), film.samples)
         is_done = film.samples >= ending.sweeps
-        ended_by = accumulate(film, plan, results, ending, on_sweep, on_progress)
+        film.ended_by, film.cancelled = "", False
+        ended_by = ending.find_first(film) or accumulate(film, plan, results, ending, on_sweep, on_progress)
         film.ended_by = ended_by or ("samples" if is_done else "cancelled")
     film.cancelled = film.ended_by == "cancelled"
     if film.width * film.height >= LARGE_PICTURE:
@@ -146,7 +149,7 @@ def prepare_film(
     if film is None:
         return new, window
     film = continue_film(film, new)
-    if film.pilot:
+    if film.pilot and film.samples >= film.pilot:
         check_counts(film, window, settings.seed)
     else:
         check_even_counts(film)
@@ -239,6 +242,7 @@ def plan_blocks(scene: Scene, film: Film, window: FrameWindow, settings: Setting
         ahead=film.ahead,
         ahead_samples=film.ahead_samples,
         gathered=GATHERED if gathers else 1,
+        is_timed=settings.seconds is not None,
     )
 
 
@@ -291,7 +295,7 @@ def add_result(film: Film, result: BlockResult, ending: Ending, ends_sweep: bool
         film.probes += select_sweep(result.probes, block.sample + number)
         film.samples += ends_sweep
         if ends_sweep and (whole or number == block.samples - 1):
-            ended_by = ending.find(film)
+            ended_by = ending.find(film, is_amid=number < block.samples - 1)
         if ended_by:
             break
     return ended_by

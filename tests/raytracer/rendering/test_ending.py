@@ -9,9 +9,11 @@ from raytracer.film.film import Film
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import ending
+from raytracer.rendering.adaptive import add_listed
 from raytracer.rendering.block_plan import FIRST_SWEEPS, BlockPlan
+from raytracer.rendering.blocks import Block, BlockResult, ListedBlock
 from raytracer.rendering.ending import Ending
-from raytracer.rendering.render import render
+from raytracer.rendering.render import add_result, render
 from tests.raytracer.rendering.error_scenes import SCENES
 
 SCENE = SCENES["penumbra"][0]()
@@ -46,6 +48,29 @@ def test_a_film_that_goes_on_ends_where_one_in_one_go_does():
     assert np.array_equal(film["Combined"], whole["Combined"])
 
 
+@pytest.mark.parametrize("error", [0.04, 0.05])
+def test_a_film_that_its_error_has_ended_stays_as_it_is(error):
+    """Where no more than that is asked for again, as where a job is started twice: nothing is cast."""
+    film = render(SCENE, 24, 16, 4096, error=0.04)
+    samples, rays = film.samples, film.statistics.rays
+    film = render(SCENE, 24, 16, 4096, error=error, film=film)
+    assert (film.samples, film.statistics.rays, film.ended_by) == (samples, rays, "error")
+
+
+def test_a_film_of_as_many_samples_as_the_error_takes_is_that_of_one_go():
+    whole = render(SCENE, 24, 16, 4096, error=0.04)
+    film = render(SCENE, 24, 16, 4096, film=render(SCENE, 24, 16, 4096, until=whole.samples), error=0.04)
+    assert (film.samples, film.ended_by) == (whole.samples, "error")
+
+
+def test_what_has_ended_a_film_is_forgotten_where_it_goes_on():
+    """Or one that is killed then would be taken for a finished one."""
+    film, seen = render(SCENE, 12, 8, 64, error=0.5), []
+    assert (film.samples, film.ended_by) == (16, "error")
+    render(SCENE, 12, 8, 64, film=film, on_progress=lambda share: seen.append((film.ended_by, film.cancelled)))
+    assert set(seen) == {("", False)}
+
+
 def test_a_picture_that_ends_at_an_error_may_have_passes_of_pixels_centres():
     film = render(SCENE, 12, 8, 64, error=0.5, passes=("Combined", "Depth", "Position"))
     assert film.ended_by == "error"
@@ -77,6 +102,35 @@ def test_a_time_limit_ends_before_the_sweep_that_would_not_fit_in(monkeypatch):
         film.samples += 1
         found = limited.find(film)
     assert (film.samples, found) == (3, "time")
+
+
+def test_time_is_told_by_the_sweeps_of_this_render(monkeypatch):
+    """A clock of one second a sweep; what the film had before took none of it."""
+    clock = itertools.count(1)
+    monkeypatch.setattr(ending.time, "perf_counter", lambda: float(next(clock)))
+    film, found = Film(1, 1, ("Combined",), samples=100), None
+    limited = Ending(Settings(seconds=3.1), 1000, started=0.0, done=film.samples)
+    while found is None:
+        film.samples += 1
+        found = limited.find(film)
+    assert (film.samples, found) == (103, "time")
+
+
+def test_sweeps_that_were_traced_together_are_kept_when_the_time_is_over():
+    for listed in (False, True):
+        film = Film(2, 1, ("Combined",))
+        block = Block(0, 0, 2, samples=4)
+        if listed:
+            numbers = np.repeat(np.arange(4, dtype=np.uint32), 2)
+            block = ListedBlock(0, np.tile(np.arange(2), 4), numbers, ends=(2, 4, 6, 8))
+        result = BlockResult(block, {"Combined": np.ones((8, 4))}, None, 0, 1.0)
+        limited = Ending(Settings(seconds=1e-9), 100, started=0.0)
+        add = add_listed(film, result, limited) if listed else add_result(film, result, limited, ends_sweep=True)
+        assert (film.samples, add) == (4, "time")
+
+
+def test_an_error_may_be_as_small_as_a_float():
+    assert render(SCENE, 6, 4, 18, error=1e-300).ended_by == "samples"
 
 
 def test_an_even_number_of_samples_is_looked_at_every_five_per_cent(monkeypatch):
@@ -131,3 +185,12 @@ def test_blocks_grow_slowly_where_any_sweep_may_be_the_last():
     assert sum(sizes) == 300
     before = np.cumsum(sizes)[:-1]
     assert (sizes[1:] <= before / 4).all()
+
+
+@pytest.mark.parametrize("done", [0, 500])
+def test_blocks_begin_with_one_sweep_where_time_may_end_it(done):
+    """So that the pace is known; then no block is longer than what has been traced, also of a film that goes on."""
+    plan = BlockPlan(pixels=1000, sweeps=800, largest=10**6, growth=0.25, done=done, is_timed=True)
+    sizes = [block.samples for block in plan]
+    assert sizes[:7] == [1, 1, 2, 4, 8, 4, 5]
+    assert sum(sizes) == 800 - done

@@ -121,3 +121,14 @@ def test_a_strip_holds_its_pixels_and_no_others():
     film.put_strip(slice(2, 5), strip)
     assert film.arrays["Combined"][:, 0].tolist() == [0, 4, 9, 13, 17, 20, 24, 28]
     assert film.sums.counts.read(slice(None)).sum(axis=1).tolist() == [1, 1, 2, 2, 2, 1, 1, 1]
+
+
+def test_no_strip_hides_a_sweep_at_which_the_error_may_end_the_picture():
+    """Of a film that begins, and of one that goes on: both have strips otherwise."""
+    for until, error in ((None, 0.9), (20, 0.12)):
+        pictures = []
+        for workers in (1, ManyWorkers()):
+            film = render(400, render(400, until=until) if until else None, error=error, min_samples=2, workers=workers)
+            assert film.ended_by == "error"
+            pictures.append(film)
+        assert same(*pictures)
