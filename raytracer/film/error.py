@@ -251,6 +251,8 @@ def relate(square: float, level: float) -> float:
 def count_freedom(spread: Spread, missed: float = 0.0) -> float:
     """Return the degrees of freedom of the sum of squares v, and one more of `missed`, (sum v)^2 / sum v^2.
 
+    They are no more than there are numbers, which d^4 / 3 of few pixels does not know.
+
     Pixels that share points of lights, or times, are wrong together. Where they do, each of the G sets of pixels that
     take different ones has a sum S of its own, numbers from one distribution, of the variance s^2: their total has the
     variance G s^2, that of a chi-square would be 2 total^2 / nu. Since s^2 is known from G numbers alone, it is taken
@@ -259,6 +261,7 @@ def count_freedom(spread: Spread, missed: float = 0.0) -> float:
     """
     total, sums = spread.total + missed, spread.of_sets
     freedom = NORMAL_KURTOSIS * total * total / (spread.of_squares + missed * missed)
+    freedom = min(freedom, float(spread.pixels + (missed > 0)))
     if sums is None:
         return freedom
     if len(sums) < 2:

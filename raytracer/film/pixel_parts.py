@@ -88,11 +88,13 @@ def mean_without(parts: Parts, most: Floats) -> float:
 class Spread:
     """Sums of numbers v of pixels.
 
+    pixels : how many
     total, of_squares : of v and of v^2
     of_sets : (k,) those of v of each set of pixels that take different points of lights, or times; None where each has
         its own
     """
 
+    pixels: int
     total: float
     of_squares: float
     of_sets: Floats | None
@@ -113,4 +115,5 @@ def sum_squares(parts: Parts, width: int, interleaving: int = 0, largest: float 
             of_sets += np.bincount(number, scaled, sets)
             members += np.bincount(number, minlength=sets)
         start += len(part)
-    return Spread(total, of_squares, of_sets[members > 0] if sets else None)  # a small picture lacks some sets
+    shared = of_sets[members > 0] if sets else None  # a small picture lacks some sets
+    return Spread(parts.pixels, total, of_squares, shared)

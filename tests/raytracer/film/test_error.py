@@ -60,6 +60,19 @@ def test_interval_holds_the_error_of_the_picture(rng, uneven):
     assert abs(held / 600 - 0.95) < 3.4 * np.sqrt(0.95 * 0.05 / 600)
 
 
+@pytest.mark.parametrize("pixels", [1, 2, 4])
+def test_interval_holds_the_error_of_few_pixels(rng, pixels):
+    """At least 95% of 500 pictures, give or take three deviations: each pixel is one degree of freedom, no more."""
+    held = 0
+    for values in rng.normal(size=(500, 2, pixels)):
+        film = Film(pixels, 1, ("Combined",))
+        for number, row in enumerate(values):
+            film.add(slice(0, pixels), {"Combined": np.repeat(1000.0 + row[:, np.newaxis], 4, axis=1)}, number)
+        low, high = film.error_interval
+        held += low <= np.sqrt((values.mean(axis=0) ** 2).mean()) / 1000.0 <= high
+    assert held / 500 > 0.95 - 3 * np.sqrt(0.95 * 0.05 / 500)
+
+
 def test_nothing_is_known_of_the_error_of_one_sample(rng):
     film = fill(scatter(rng, 1), names=("Combined", "Error"))
     assert (film.error, film.error_interval) == (np.inf, (0.0, np.inf))
