@@ -79,11 +79,11 @@ def measure_missed(probes: Floats, pixel: Integers, means: Floats, largest: floa
     """
     sweeps = min(samples, SWEEPS)
     excess = probes[:, 5:] - means
-    rows = np.flatnonzero(mean_column(excess) > MET * largest)
+    rows = np.flatnonzero((mean_column(excess) > MET * largest) & (probes[:, 0] < sweeps))
     if sweeps < 2 or not len(rows):
         return 0.0, 0.0
     places, place = np.unique(pixel[rows], return_inverse=True)
-    cell = place * sweeps + np.minimum(probes[rows, 0].astype(np.int64), sweeps - 1)
+    cell = place * sweeps + probes[rows, 0].astype(np.int64)
     pairs, squares = 0.0, 0.0
     for values in (excess[rows] * probes[rows, 4:5] / 3.0**0.5).T:
         lacking = np.bincount(cell, values, len(places) * sweeps).reshape(-1, sweeps)  # (pixels, sweeps)

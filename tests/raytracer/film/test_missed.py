@@ -50,6 +50,14 @@ def test_one_sweep_alone_tells_nothing(rng):
     assert measure_missed(probes, np.zeros(4, int), np.zeros((4, 3)), 1.0, 1) == (0.0, 0.0)
 
 
+def test_probes_of_sweeps_that_are_not_finished_are_left_out(rng):
+    """Those of tiles with more samples than the others, or of a film that is ahead."""
+    probes = make_probes(rng, np.full(1, 0.1), 4)
+    first = probes[probes[:, 0] < 2]
+    expected = measure_missed(first, np.zeros(len(first), int), np.zeros((len(first), 3)), 1.0, 2)
+    assert measure_missed(probes, np.zeros(len(probes), int), np.zeros((len(probes), 3)), 1.0, 2) == expected
+
+
 def test_probes_have_one_order_wherever_they_come_from(rng):
     probes = make_probes(rng, np.full(5, 0.1), 6)
     shuffled = tuple(rng.permutation(probes).ravel().tolist())
