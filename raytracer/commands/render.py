@@ -103,7 +103,8 @@ def choose_keywords(found: dict[str, Any], arguments: argparse.Namespace) -> dic
     for name in ("samples", "until", "error", "seconds", "adaptive", "tile", "passes", "workers"):
         if getattr(arguments, name) is not None:
             keywords[name] = getattr(arguments, name)
-    keywords = {"samples": Settings.samples, **keywords}
+    # The picture is what is inside the border, in one tile where no other is asked for.
+    keywords = {"samples": Settings.samples, "tile": (1, 1), **keywords}
     if arguments.error and not arguments.samples:
         keywords["samples"] = max(keywords["samples"], SAMPLES_FOR_ERROR)
     return keywords

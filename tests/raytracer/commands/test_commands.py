@@ -78,6 +78,8 @@ def test_a_scene_file_says_how_it_is_rendered(tmp_path: Path, capsys) -> None:
     raytracer.save(make_lit_scene(), scene, settings)
     assert main(["render", str(scene), "-o", str(output)]) == 0
     assert same(raytracer.load_film(output), raytracer.render(make_lit_scene(), **settings))
+    # All of it is inside of the border, and no part is missing.
+    assert main(["merge", str(output), "-o", str(tmp_path / "picture.exr")]) == 0
     raytracer.save(make_lit_scene(), scene, {**settings, "bouces": 3})
     assert main(["render", str(scene), "-o", str(output)]) == 1
     assert "'bouces', which this version does not know" in capsys.readouterr().err
@@ -185,10 +187,20 @@ def test_a_render_ends_at_an_error_wherever_it_was_stopped_before(tmp_path: Path
     assert same(film, expect(64, error=bound))
     capsys.readouterr()
     assert main(["info", str(output)]) == 0
+    assert "16 of 64 samples, ended by error, " in capsys.readouterr().out
+    assert main(["info", str(output)]) == 0
     told = f"error: {format_error(film.error)} ({format_interval(film.error_interval)})"
     assert told in capsys.readouterr().out
     assert main([*options[:-1], "0.0001%"]) == 0
     assert raytracer.load_film(output).samples == 64
+
+
+def test_info_tells_the_error_where_it_is_the_only_pass(tmp_path: Path, scene_file: Path, capsys) -> None:
+    output = tmp_path / "film.npz"
+    options = ("render", str(scene_file), "-o", str(output), *SIZE, "--samples", "4")
+    assert main([*options, "--passes", "Error"]) == 0
+    assert main(["info", str(output)]) == 0
+    assert f"error: {format_error(expect(4).error)}" in capsys.readouterr().out
 
 
 def test_adaptive_samples_and_time_limits_reach_the_render(tmp_path: Path, scene_file: Path) -> None:
