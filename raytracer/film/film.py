@@ -73,7 +73,8 @@ class Film:
     near_misses : how many samples would have seen how much of light that their paths came near to (`unmet`)
     probes : what was seen by rays aimed at small light (`missed`)
     pilot : where samples are adaptive, the sweeps that are even, from which the others follow; 0 where all are
-    ahead : pixels, the first ones, that have samples of the next sweeps already, `ahead_samples` each
+    ahead : pixels, the first ones, that have samples of the next sweeps already, `ahead_samples` each; after a pilot
+        samples, the first ones of the next sweep
     total : the samples that the picture is to have
     left, bottom : the film's lower left pixel in the full picture
     border : (x_min, y_min, x_max, y_max), the part of the full picture that this film and others are tiles of; None

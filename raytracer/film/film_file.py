@@ -124,7 +124,8 @@ def restore_film(outline: dict[str, Any], size: int) -> Film:
     numbers = (width, height, *(fields[name] for name in ("samples", "ahead", "total", "left", "bottom", "time_side")))
     if any(type(number) is not int or number < 0 for number in numbers):
         raise ValueError(f"a film of the size {width} x {height}")
-    if not 0 < width * height <= min(size, MOST_PIXELS) or fields["ahead"] > width * height:
+    is_ahead = fields["ahead"] > width * height and not fields["pilot"]  # a sweep of adaptive samples may have more
+    if not 0 < width * height <= min(size, MOST_PIXELS) or is_ahead:
         raise ValueError(f"{width} x {height} pixels, which the file does not hold")
     near = fields["near_misses"]
     if not isinstance(near, tuple) or len(near) not in (0, STEPS) or any(type(n) is not int or n < 0 for n in near):

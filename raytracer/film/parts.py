@@ -60,8 +60,9 @@ def merge(films: Sequence[Film]) -> Film:
     Raises
     ------
     ValueError
-        If a part is missing, there twice, of another picture, or not finished: it has neither as many samples as the
-        others nor been ended by an error or a limit of time; one sentence names it.
+        If a part is missing, there twice, of another picture, or not finished: where not all have as many samples, an
+        error or a limit of time must have ended those with fewer, and these or its samples the others; one sentence
+        names it.
 
     Examples
     --------
@@ -108,11 +109,15 @@ def check_alike(films: Sequence[Film], names: Sequence[str]) -> None:
         difference = describe_difference(film.key, first.key)
         if not difference and measure_whole(film) != measure_whole(first):
             difference = f"border is {film.border}, not {first.border}"
+        if not difference and film.pilot != first.pilot:
+            difference = f"its adaptive samples follow the first {film.pilot}, not {first.pilot}"
         if difference:
             raise ValueError(f"merge: {name} is no part of the picture of {names[0]}: {difference}")
-    most = max(film.samples for film in films)
+    numbers = [film.samples for film in films]
+    most = max(numbers)
     for film, name in zip(films, names, strict=True):
-        if film.ahead or (film.samples < most and film.ended_by not in LIMITS):
+        is_done = film.ended_by in LIMITS or (film.ended_by == "samples" and film.samples == most)
+        if film.ahead or not (is_done or min(numbers) == most):
             raise ValueError(f"merge: {name} is not finished: {film.samples} samples of {max(most, film.total)}")
 
 

@@ -22,7 +22,7 @@ from raytracer.film.passes import select_passes
 from raytracer.film.picture_key import PictureKey, describe_difference
 from raytracer.integrator.features import derive_features
 from raytracer.integrator.prepare import catches_shadows
-from raytracer.integrator.settings import FREE_SETTINGS, Settings, check_integer
+from raytracer.integrator.settings import FREE_SETTINGS, Border, Settings, check_integer
 from raytracer.processes.pool import Pool
 from raytracer.processes.workers import Workers
 from raytracer.rendering.adaptive import AdaptivePlan, add_listed, check_counts
@@ -192,17 +192,30 @@ def continue_film(film: Film, new: Film) -> Film:
     if film.key is None or new.key is None:
         raise ValueError(f"{name}: expected a film of raytracer.render")
     difference = describe_difference(film.key, new.key)
-    for field in ("left", "bottom", "width", "height", "border", "pilot"):
+    for field in ("left", "bottom", "width", "height"):
         found, expected = getattr(film, field), getattr(new, field)
         if not difference and found != expected:
             difference = f"{field} is {found}, not {expected}"
+    if not difference and find_outside(film) != find_outside(new):
+        difference = f"border is {film.border}, not {new.border}"
+    if not difference and film.pilot != new.pilot:
+        difference = (
+            f"its adaptive samples follow the first {film.pilot}, as those of {film.total} do, and not the first "
+            f"{new.pilot}, as those of {new.total}"
+        )
     begun = film.samples + film.ahead_samples * (film.ahead > 0)
     if not difference and begun > new.total:
         difference = f"it has {begun} samples already, and the picture shall have {new.total}"
     if difference:
         raise ValueError(f"{name} is of another picture: {difference}")
-    film.total, film.key = new.total, new.key
+    film.total, film.key, film.border = new.total, new.key, film.border or new.border
     return film
+
+
+def find_outside(film: Film) -> Border | None:
+    """Return the border that a film is a tile of; None where it is all that is inside, or has none."""
+    whole = (film.left, film.bottom, film.left + film.width, film.bottom + film.height)
+    return None if film.border == whole else film.border
 
 
 def check_even_counts(film: Film) -> None:

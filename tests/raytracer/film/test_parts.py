@@ -71,6 +71,16 @@ def test_tiles_of_a_border_are_the_border() -> None:
     np.testing.assert_array_equal(merged.sums.counts.read(slice(None)), expected.sums.counts.read(slice(None)))
 
 
+def test_a_border_of_which_tiles_were_merged_goes_on_and_is_a_whole() -> None:
+    border = (3, 10, 9, 40)
+    merged = raytracer.merge([render(border=border, tile=(number, 2)) for number in (1, 2)])
+    film, expected = render(5, border=border, film=merged), render(5, border=border)
+    assert same(film, expected)
+    assert same(raytracer.merge([film]), expected)
+    # So does what was begun without tiles, with one.
+    assert same(raytracer.merge([render(5, border=border, tile=(1, 1), film=render(2, border=border))]), expected)
+
+
 def test_a_whole_that_was_merged_goes_on(whole: Film, tiles: list[Film]) -> None:
     film = render(5, film=raytracer.merge(tiles))
     assert same(film, render(5))
@@ -138,6 +148,17 @@ def test_tiles_that_their_error_has_ended_are_finished(ended: list[Film]) -> Non
     assert describe_endings(ended) == [
         f"film {number}: {film.samples} samples, ended by {film.ended_by}" for number, film in enumerate(ended, 1)
     ]
+
+
+@pytest.mark.parametrize("ending", ["", "cancelled"])
+def test_the_tile_with_the_most_samples_may_be_unfinished_as_well(ending: str) -> None:
+    """Where another one has fewer, which its error has ended; not where its samples have ended it."""
+    first, last = render(64, tile=(1, 2), error=0.9, min_samples=2), render(64, tile=(2, 2), until=30)
+    assert (first.ended_by, first.samples < 30) == ("error", True)
+    assert raytracer.merge([first, last]).ended_by == "samples"
+    last.ended_by = ending
+    with pytest.raises(ValueError, match="film 2 is not finished: 30 samples of 64"):
+        raytracer.merge([first, last])
 
 
 def test_a_whole_of_different_numbers_of_samples_cannot_go_on(ended: list[Film], tmp_path) -> None:

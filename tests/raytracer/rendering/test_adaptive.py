@@ -134,6 +134,39 @@ def test_tiles_that_are_merged_in_their_pilot_go_on_as_the_whole():
         assert np.array_equal(film["Combined"], see()["Combined"]), until
 
 
+def test_tiles_that_time_has_ended_in_their_pilot_cannot_go_on_as_one():
+    """Some of their samples would be taken twice."""
+    tiles = [see(tile=(number, 2), until=6 + number) for number in (1, 2)]
+    for tile in tiles:
+        tile.ended_by = "time"
+    with pytest.raises(ValueError, match="cannot go on: its tiles were ended at different numbers of samples"):
+        see(film=raytracer.merge(tiles))
+
+
+def test_adaptive_tiles_of_different_pilots_are_no_parts_of_one_picture():
+    """What an even one holds is too little for means of replications."""
+    tiles = [render(SCENE, 24, 16, samples, adaptive=True, tile=(1 + k, 2)) for k, samples in enumerate((31, 64))]
+    tiles[0].ended_by = "time"
+    for order in (tiles, tiles[::-1]):
+        with pytest.raises(ValueError, match=r"film 2 is no part of .* film 1: its adaptive samples follow the first"):
+            raytracer.merge(order)
+
+
+def test_an_adaptive_film_of_another_pilot_is_refused_with_what_it_was_begun_for():
+    reason = "its adaptive samples follow the first 16, as those of 64 do, and not the first 64, as those of 256"
+    with pytest.raises(ValueError, match=reason):
+        render(SCENE, 24, 16, 256, adaptive=True, film=see(until=2))
+
+
+def test_a_film_in_a_sweep_of_more_samples_than_pixels_comes_back(tmp_path, monkeypatch):
+    """Where noise is cheap: 1.5 samples of each pixel, in some six blocks, of which five are done."""
+    monkeypatch.setattr(adaptive, "decide_density", lambda film: np.full((384, 2), 1.5))
+    film, seen = see(until=16), []
+    film = see(film=film, block_size=100, on_progress=seen.append, is_cancelled=lambda: len(seen) >= 5)
+    raytracer.save_film(film, tmp_path / "film.npz")
+    assert raytracer.load_film(tmp_path / "film.npz").ahead == film.ahead > 384
+
+
 def test_merged_adaptive_tiles_are_their_pixels_and_cannot_go_on(tmp_path):
     """Each tile has spread its own samples: 64 of them are shown, 17 are refused with one sentence."""
     tiles = see_tiles()
