@@ -32,6 +32,11 @@ def run(arguments: argparse.Namespace) -> None:
     check_replaceable_picture(output)
     films = load_films(arguments.films)
     film = raytracer.merge(films)
+    if "Combined" not in film.names:
+        raise CommandError(
+            f"{arguments.films[0]}: expected Combined, the picture, among the passes of the films, got "
+            f"{', '.join(film.names)}; `python -m raytracer merge` writes any passes"
+        )
     for line in describe_endings(films):
         print(line, file=sys.stderr)
     several = len(film.names) > 1 and output.suffix.lower() == ".exr"

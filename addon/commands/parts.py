@@ -14,7 +14,7 @@ from typing import Any
 
 from .. import interrupts
 from .arguments import parse_period, parse_positive, parse_tile
-from .command_line import CommandError, first_line, hide_python_output
+from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,6 +40,8 @@ def check_arguments(arguments: argparse.Namespace) -> None:
         raise CommandError(f"--part {arguments.part}: expected an .npz beside a picture, which -o names")
     if arguments.tile and not is_film(output):
         raise CommandError(f"{output}: a tile is no picture yet; -o P.npz takes its film, and `merge` joins them")
+    if arguments.part:
+        check_replaceable_picture(Path(arguments.part))
 
 
 def find_film(output: Path, part: str | None) -> Path | None:
@@ -56,12 +58,20 @@ def is_done(path: Path, scene: Any) -> bool:
 
     try:
         if is_film(path):
-            film = load_film(path)
-            return film.samples >= scene.reference_raytracer.samples
+            return is_finished(load_film(path), scene.reference_raytracer)
         check_picture(path, *measure_picture(scene.render))
     except (OSError, ValueError):
         return False
     return True
+
+
+def is_finished(film: Any, settings: Any) -> bool:
+    """Return whether a film has all samples, or has been ended by what may end it still: an error, or a time."""
+    if film.samples >= settings.samples:
+        return True
+    if film.ended_by == "error":
+        return bool(settings.use_noise_threshold and film.error <= settings.noise_threshold / 100.0)
+    return bool(film.ended_by == "time" and settings.time_limit > 0)
 
 
 @contextlib.contextmanager

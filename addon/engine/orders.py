@@ -27,7 +27,7 @@ NOT_EXPORTED = ("workers",)
 class KeepFilm:
     """Render into a film's file, and go on from it where it exists.
 
-    tile, until : as in `raytracer.render`
+    tile, until : as in `raytracer.render`; without a tile the film is all of the picture, what is inside its border
     every : seconds between two writes
     on_fault : called where the file cannot be written; None ends the render
     """
@@ -44,7 +44,7 @@ class KeepFilm:
         def is_over() -> bool:
             return interrupts.is_noted() or is_cancelled()
 
-        settings = {"tile": self.tile, "until": self.until, "is_cancelled": is_over, **keywords}
+        settings = {"tile": self.tile or (1, 1), "until": self.until, "is_cancelled": is_over, **keywords}
         with interrupts.poll():
             film = render_into(self.path, *arguments, every=self.every, on_fault=self.on_fault, **settings)
         interrupts.check()

@@ -7,6 +7,8 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
+from raytracer.film.parts import ENDINGS
+
 from ..extract.warnings import Warning
 
 
@@ -24,7 +26,8 @@ class Statistics:
     peak_memory_mb : the most memory that the process ever held, or None where the system does not tell
     warnings : one for each thing that was not rendered as the scene says
     cancelled : True where the user stopped it
-    ended_by : why it has no more samples, 'samples', 'error', 'time' or 'cancelled'
+    ended_by : why it has no more samples, 'samples', 'error', 'time' or 'cancelled'; of several view layers the first
+        of `film.parts.ENDINGS` that is true of one: an error, if they all have it
     error, error_interval, error_p99, error_note : how wrong Combined is, of the view layer where that is most
         (`raytracer.film.error.PictureError`)
     denoised : True where Combined was denoised; the error is that of the samples
@@ -89,7 +92,7 @@ def _add(one: Statistics, other: Statistics) -> Statistics:
         peak_memory_mb=other.peak_memory_mb,
         warnings=tuple(dict.fromkeys(one.warnings + other.warnings)),
         cancelled=one.cancelled or other.cancelled,
-        ended_by=other.ended_by if one.ended_by == "samples" else one.ended_by,
+        ended_by=next(ending for ending in (*ENDINGS, "") if ending in (one.ended_by, other.ended_by)),
         error=worse.error,
         error_interval=worse.error_interval,
         error_p99=worse.error_p99,

@@ -13,9 +13,12 @@ import numpy as np
 import pytest
 
 import raytracer
+from addon.commands import merge
 from addon.commands.arguments import parse_tile
 from addon.commands.command_line import CommandError
-from addon.commands.parts import check_arguments
+from addon.commands.parts import check_arguments, is_finished
+from addon.engine.orders import KeepFilm
+from raytracer.film.film import Film
 from tests.addon.commands.test_command_line import run_command
 from tests.addon.engine.engine_fixtures import read_image
 from tests.folders import ROOT
@@ -128,11 +131,52 @@ def test_a_render_that_is_told_to_end_keeps_its_film(tmp_path: Path) -> None:
         ({"output": "a.png", "tile": (1, 2)}, "a tile is no picture"),
         ({"output": "a.npz", "part": "b.npz"}, "expected an .npz beside a picture"),
         ({"output": "a.png", "part": "b.exr"}, "expected an .npz beside a picture"),
+        ({"output": "a.png", "part": "no_folder/b.npz"}, "no_folder: no such folder"),
     ],
 )
 def test_arguments_that_do_not_fit_each_other_are_refused(arguments: dict[str, object], reason: str) -> None:
     with pytest.raises(CommandError, match=reason):
         check_arguments(argparse.Namespace(**{"tile": None, "part": None, **arguments}))
+
+
+def test_films_that_an_error_or_the_time_has_ended_are_whole() -> None:
+    """As long as no smaller error is asked for, and an error or a time may end them."""
+    ended_by_error = make_noisy_film(0.02, "error")
+    for film, settings, expected in (
+        (ended_by_error, {"use_noise_threshold": True, "noise_threshold": 2.5}, True),
+        (ended_by_error, {"use_noise_threshold": True, "noise_threshold": 1.5}, False),
+        (ended_by_error, {"use_noise_threshold": False, "noise_threshold": 2.5}, False),
+        (ended_by_error, {"use_noise_threshold": False, "samples": 2}, True),
+        (make_noisy_film(0.02, "time"), {"time_limit": 9.0}, True),
+        (make_noisy_film(0.02, "time"), {}, False),
+        (make_noisy_film(0.02, "cancelled"), {"time_limit": 9.0}, False),
+    ):
+        usual = {"samples": 64, "use_noise_threshold": False, "noise_threshold": 1.0, "time_limit": 0.0}
+        assert is_finished(film, argparse.Namespace(**{**usual, **settings})) == expected, settings
+
+
+def make_noisy_film(error: float, ended_by: str) -> Film:
+    """Return a film of two samples of one pixel."""
+    film = Film(1, 1, ("Combined",), samples=2, ended_by=ended_by)
+    for number, value in enumerate((1.0 - error, 1.0 + error)):
+        film.add(slice(0, 1), {"Combined": np.full((1, 4), value)}, number)
+    return film
+
+
+def test_the_film_of_a_border_is_a_whole_picture(tmp_path: Path) -> None:
+    scene = raytracer.Scene(camera=raytracer.Camera(np.eye(4)), world=raytracer.World(1.0))
+    order = KeepFilm(tmp_path / "film.npz")
+    order.render(scene, 20, 10, 1, border=(2, 1, 9, 8), is_cancelled=lambda: False)
+    merged = raytracer.merge([raytracer.load_film(tmp_path / "film.npz")])
+    assert (merged.left, merged.bottom, merged.width, merged.height) == (2, 1, 7, 7)
+
+
+def test_films_without_a_picture_make_none(tmp_path: Path) -> None:
+    scene = raytracer.Scene(camera=raytracer.Camera(np.eye(4)))
+    raytracer.save_film(raytracer.render(scene, 4, 4, 1, passes=("Depth",)), tmp_path / "film.npz")
+    arguments = argparse.Namespace(output=str(tmp_path / "a.exr"), films=[str(tmp_path / "film.npz")], file="no.blend")
+    with pytest.raises(CommandError, match=r"film.npz: expected Combined, .* got Depth; `python -m raytracer merge`"):
+        merge.run(arguments)
 
 
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "1/0", "-1/2"])

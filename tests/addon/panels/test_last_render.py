@@ -61,7 +61,22 @@ def test_the_worst_view_layer_says_the_error_of_a_frame(empty_scene: Any) -> Non
     statistics.record_view_layer(empty_scene, replace(one, error=0.02, error_note="few", ended_by="time"), first=False)
     taken = statistics.last_render(empty_scene)
     assert taken is not None
-    assert (taken.error, taken.error_note, taken.ended_by) == (0.02, "few", "error")
+    assert (taken.error, taken.error_note, taken.ended_by) == (0.02, "few", "time")
+
+
+def test_a_frame_is_ended_by_its_error_where_all_view_layers_have_it(empty_scene: Any) -> None:
+    for endings, expected in (
+        (("error", "error"), "error"),
+        (("error", "samples"), "samples"),
+        (("samples", "error"), "samples"),
+        (("samples", "time"), "time"),
+        (("error", "cancelled"), "cancelled"),
+    ):
+        one = record_statistics(empty_scene, ended_by=endings[0])
+        statistics.record_view_layer(empty_scene, replace(one, ended_by=endings[1]), first=False)
+        taken = statistics.last_render(empty_scene)
+        assert taken is not None
+        assert taken.ended_by == expected
 
 
 def test_warnings_panel_shows_only_with_warnings_and_wraps_them(empty_scene: Any, registered: None) -> None:
