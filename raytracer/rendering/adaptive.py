@@ -40,7 +40,7 @@ class AdaptivePlan(BlockPlan):
             workers=settings.workers,
             done=film.samples,
             ahead=film.ahead,
-            is_timed=settings.seconds is not None,
+            seconds=settings.seconds,
         )
         self._film, self._total = film, sweeps
         self._offset = draw_offsets(film, window, settings.seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 from raytracer.rendering.blocks import Block, BlockResult, ListedBlock
@@ -51,8 +52,7 @@ class BlockPlan:
     done, ahead : sweeps that are done already, and the first pixels that have samples of the next ones
     ahead_samples : how many of them these have
     gathered : the most sweeps of which a worker takes a part of the picture
-    is_timed : True where time may end it: the first block tells how long a sweep takes, and the next ones are no
-        longer than all before them
+    seconds : after which the render ends; None sets no limit
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class BlockPlan:
         ahead: int = 0,
         ahead_samples: int = 1,
         gathered: int = 1,
-        is_timed: bool = False,
+        seconds: float | None = None,
     ) -> None:
         self.pixels = pixels
         self.sweeps = sweeps
@@ -75,7 +75,8 @@ class BlockPlan:
         self._workers = workers
         self._gathered = gathered
         self._done = (done, ahead, ahead_samples)
-        self._begun, self._is_timed = done, is_timed
+        self._begun, self._seconds = done, seconds
+        self._started: float | None = None
         self._largest = largest if pixels < LARGE_PICTURE else min(largest, USUAL_BLOCK)
         self._size = min(largest, USUAL_BLOCK)
         self._has_begun = False
@@ -107,12 +108,20 @@ class BlockPlan:
         left = self.sweeps - sample
         if self._growth is None:
             return left
-        since = sample - self._begun
-        if self._is_timed:
-            most = since if since < FIRST_SWEEPS else int(since * self._growth)
-        else:
-            most = int(sample * self._growth) if sample else FIRST_SWEEPS
-        return min(left, max(1, most))
+        if self._seconds is not None:
+            return min(left, self._fit_in(sample - self._begun, self._seconds, self._growth))
+        return min(left, max(1, int(sample * self._growth)) if sample else FIRST_SWEEPS)
+
+    def _fit_in(self, done: int, seconds: float, growth: float) -> int:
+        """Return the most sweeps of the next block, after those `done`, where time may end the render: first one, which
+        tells how long they take, then no more than before, at most as many as there is time for."""
+        now = time.perf_counter()
+        if self._started is None:
+            self._started = now
+            return 1
+        taken = max(now - self._started, 1e-9)
+        most = done if done < FIRST_SWEEPS else int(done * growth)
+        return max(1, int(min(most, max(seconds - taken, 0.0) / taken * done)))
 
     def _share(self, sample: int, start: int) -> int:
         """Return a worker's part of what is left from a pixel of a sweep on."""

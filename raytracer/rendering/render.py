@@ -255,7 +255,7 @@ def plan_blocks(scene: Scene, film: Film, window: FrameWindow, settings: Setting
         ahead=film.ahead,
         ahead_samples=film.ahead_samples,
         gathered=GATHERED if gathers else 1,
-        is_timed=settings.seconds is not None,
+        seconds=settings.seconds,
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 from raytracer.film.film import Film
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
-from raytracer.rendering import ending
+from raytracer.rendering import block_plan, ending
 from raytracer.rendering.adaptive import add_listed
 from raytracer.rendering.block_plan import FIRST_SWEEPS, BlockPlan
 from raytracer.rendering.blocks import Block, BlockResult, ListedBlock
@@ -188,9 +188,13 @@ def test_blocks_grow_slowly_where_any_sweep_may_be_the_last():
 
 
 @pytest.mark.parametrize("done", [0, 500])
-def test_blocks_begin_with_one_sweep_where_time_may_end_it(done):
-    """So that the pace is known; then no block is longer than what has been traced, also of a film that goes on."""
-    plan = BlockPlan(pixels=1000, sweeps=800, largest=10**6, growth=0.25, done=done, is_timed=True)
-    sizes = [block.samples for block in plan]
-    assert sizes[:7] == [1, 1, 2, 4, 8, 4, 5]
+@pytest.mark.parametrize(("seconds", "expected"), [(1000.0, [1, 1, 2, 4, 8, 4, 5]), (7.5, [1, 1, 2, 3, 1, 1, 1])])
+def test_blocks_are_no_longer_than_there_is_time(monkeypatch, done, seconds, expected):
+    """On a clock of a second a sweep: first one, which tells the pace, then no more than before, or than fit in."""
+    now, sizes = [3.0], []
+    monkeypatch.setattr(block_plan.time, "perf_counter", lambda: now[0])
+    for block in BlockPlan(pixels=1000, sweeps=800, largest=10**6, growth=0.25, done=done, seconds=seconds):
+        sizes.append(block.samples)
+        now[0] += block.samples
+    assert sizes[:7] == expected
     assert sum(sizes) == 800 - done
