@@ -76,6 +76,9 @@ def merge(films: Sequence[Film]) -> Film:
     films = list(films)
     if not films:
         raise ValueError("merge: expected one or more films, got none")
+    for number, film in enumerate(films, 1):
+        if not isinstance(film, Film):
+            raise ValueError(f"merge: film {number}: expected a Film, such as load_film returns, got {film!r:.80}")
     names = [film.label or f"film {number}" for number, film in enumerate(films, 1)]
     check_alike(films, names)
     x_min, y_min, x_max, y_max = measure_whole(films[0])

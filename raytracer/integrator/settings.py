@@ -137,6 +137,8 @@ class Settings:
             object.__setattr__(self, name, check_integer(getattr(self, name), low, high, f"Settings: {name}"))
         for name in ("clamp_direct", "clamp_indirect", "filter_glossy", "occlusion_distance", "exposure"):
             object.__setattr__(self, name, _check_number(getattr(self, name), f"Settings: {name}"))
+        for name in ("adaptive", "transparent"):
+            object.__setattr__(self, name, _check_flag(getattr(self, name), f"Settings: {name}"))
         for name in ("error", "seconds"):
             object.__setattr__(self, name, _check_limit(getattr(self, name), f"Settings: {name}"))
         require_choice(self.integrator, INTEGRATORS, "Settings: integrator")
@@ -180,13 +182,19 @@ def _check_mist(mist: Any) -> tuple[float, float, float]:
     return start, depth, power
 
 
+def _check_flag(value: Any, field: str) -> bool:
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{field}: expected True or False, got {value!r}")
+    return bool(value)
+
+
 def _check_passes(passes: Any) -> tuple[str, ...]:
-    names = (passes,) if isinstance(passes, str) else tuple(passes)
+    names = (passes,) if isinstance(passes, str) else tuple(passes) if isinstance(passes, Iterable) else ()
     for name in names:
         if not is_pass(name):
             require_choice(name, (*PASSES, *(start + "..." for start in NAMED)), "Settings: passes")
     if not names or len(set(names)) < len(names):
-        raise ValueError(f"Settings: passes: expected one or more different names, got {names}")
+        raise ValueError(f"Settings: passes: expected one or more different names, got {names or passes}")
     return names
 
 

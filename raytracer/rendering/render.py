@@ -142,6 +142,8 @@ def prepare_film(
     scene: Scene, width: int, height: int, settings: Settings, film: Film | None = None
 ) -> tuple[Film, FrameWindow]:
     """Return the film to render into, an empty one or `film`, and what it shows of the picture."""
+    if not isinstance(film, Film | None):
+        raise ValueError(f"render: film: expected a Film, such as raytracer.load_film returns, got {film!r:.80}")
     if film is not None and settings.interleaving is None:
         settings = replace(settings, interleaving=film.interleaving)
     window = make_window(scene, width, height, settings)

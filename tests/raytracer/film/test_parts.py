@@ -122,6 +122,13 @@ def test_a_part_of_another_picture_is_named(tiles: list[Film], foreign: dict[str
         raytracer.merge([tiles[0], other, *tiles[2:]])
 
 
+def test_what_is_no_film_is_named(tiles: list[Film]) -> None:
+    with pytest.raises(ValueError, match=r"merge: film 2: expected a Film, .* got 'tile_2.npz'"):
+        raytracer.merge([tiles[0], "tile_2.npz"])
+    with pytest.raises(ValueError, match=r"render: film: expected a Film, .* got 'film.npz'"):
+        render(film="film.npz")
+
+
 def test_a_film_that_comes_from_no_render_is_no_part(tiles: list[Film]) -> None:
     with pytest.raises(ValueError, match="film 2: expected a film of raytracer"):
         raytracer.merge([tiles[0], Film(2, 2, ("Combined",))])

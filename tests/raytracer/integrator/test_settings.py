@@ -24,6 +24,7 @@ def test_numpy_numbers_and_lists_become_plain_ones():
     settings = Settings(samples=np.int64(3), passes=["Depth"], border=np.array([0, 1, 2, 3]))
     assert settings == Settings(samples=3, passes=("Depth",), border=(0, 1, 2, 3))
     assert type(settings.samples) is int
+    assert Settings(transparent=np.True_).transparent is True
     assert Settings(passes="Depth").passes == ("Depth",)
 
 
@@ -40,6 +41,9 @@ def test_numpy_numbers_and_lists_become_plain_ones():
         ({"passes": ("Combined", "Dept")}, "passes: expected one of Combined, Depth"),
         ({"passes": ()}, "passes: expected one or more different names"),
         ({"passes": ("Depth", "Depth")}, "passes: expected one or more different names"),
+        ({"passes": None}, "passes: expected one or more different names, got None"),
+        ({"adaptive": "no"}, "adaptive: expected True or False, got 'no'"),
+        ({"transparent": 1}, "transparent: expected True or False, got 1"),
         ({"precision": "exact"}, "precision: expected one of certified, float64, float32, got 'exact'"),
         ({"pixel_filter": "gauss"}, "pixel_filter: expected one of blackman_harris, box, got 'gauss'"),
         ({"filter_width": -1}, "filter_width: expected a finite number of 0 or more, got -1"),
