@@ -40,6 +40,8 @@ def check_arguments(arguments: argparse.Namespace) -> None:
         raise CommandError(f"--part {arguments.part}: expected an .npz beside a picture, which -o names")
     if arguments.tile and not is_film(output):
         raise CommandError(f"{output}: a tile is no picture yet; -o P.npz takes its film, and `merge` joins them")
+    if arguments.until and not find_film(output, arguments.part):
+        raise CommandError(f"--until {arguments.until}: expected a film to go on from, -o P.npz or --part P.npz")
     if arguments.part:
         check_replaceable_picture(Path(arguments.part))
 

@@ -26,6 +26,7 @@ from raytracer.commands.arguments import (
 from raytracer.files.replacing import check_replaceable
 from raytracer.film.film import Film
 from raytracer.film.film_picture import save_picture
+from raytracer.film.parts import LIMITS
 from raytracer.integrator.settings import Settings
 from raytracer.rendering.checkpoints import EVERY_SECONDS, render_into
 from raytracer.scene.scene_file import load, load_settings
@@ -80,7 +81,8 @@ def run(arguments: argparse.Namespace) -> None:
         raise ValueError(f"interrupted: {path} has {describe_progress(film)}; the same command goes on from there")
     if is_picture:
         save_picture(film, output)
-        path.unlink()
+        if film.samples >= film.total or film.ended_by in LIMITS:  # nothing is left to go on for
+            path.unlink()
     print(output, flush=True)
 
 

@@ -132,11 +132,12 @@ def test_a_render_that_is_told_to_end_keeps_its_film(tmp_path: Path) -> None:
         ({"output": "a.npz", "part": "b.npz"}, "expected an .npz beside a picture"),
         ({"output": "a.png", "part": "b.exr"}, "expected an .npz beside a picture"),
         ({"output": "a.png", "part": "no_folder/b.npz"}, "no_folder: no such folder"),
+        ({"output": "a.png", "until": 8}, "--until 8: expected a film to go on from"),
     ],
 )
 def test_arguments_that_do_not_fit_each_other_are_refused(arguments: dict[str, object], reason: str) -> None:
     with pytest.raises(CommandError, match=reason):
-        check_arguments(argparse.Namespace(**{"tile": None, "part": None, **arguments}))
+        check_arguments(argparse.Namespace(**{"tile": None, "part": None, "until": None, **arguments}))
 
 
 def test_films_that_an_error_or_the_time_has_ended_are_whole() -> None:

@@ -53,6 +53,15 @@ def test_a_render_stops_goes_on_and_is_the_whole(tmp_path: Path, scene_file: Pat
     assert same(raytracer.load_film(output), expect(9))
 
 
+def test_a_picture_of_some_of_its_samples_keeps_its_film(tmp_path: Path, scene_file: Path) -> None:
+    output = tmp_path / "picture.exr"
+    options = ("render", str(scene_file), "-o", str(output), *SIZE, "--samples", "3")
+    assert main([*options, "--until", "2"]) == 0
+    assert raytracer.load_film(f"{output}.npz").samples == 2
+    assert main(options) == 0
+    assert not Path(f"{output}.npz").exists()
+
+
 def test_tiles_are_merged_into_a_picture_of_all_passes(tmp_path: Path, scene_file: Path, capsys) -> None:
     tiles = [tmp_path / f"tile_{number}.npz" for number in (1, 2, 3)]
     options = (*SIZE, "--samples", "2", "--passes", "Combined,Normal,Depth")
