@@ -60,6 +60,16 @@ def find_node_tree(owner: Any) -> Any:
     return owner.node_tree if owner.use_nodes else None
 
 
+def hands_on_values(target: Any, given: Any, is_pure: bool, version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where an input, `target`, that a node computes by itself while nothing is linked, takes instead the
+    value of a group's input, `given`, to which nothing is linked.
+
+    Up to 4.5 Cycles takes none. Since 5.0 Blender joins groups itself: only where neither input shows a value, none is
+    taken; but nodes that depend on their inputs alone, `is_pure`, it computes before, with that value.
+    """
+    return version >= (5, 0) and (is_pure or not (target.hide_value and given.hide_value))
+
+
 def find_output_node(node_tree: Any) -> Any:
     """Return the active output node, or None.
 

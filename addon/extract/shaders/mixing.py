@@ -69,7 +69,7 @@ class FedShader(NamedTuple):
 
     @property
     def exists(self) -> bool:
-        return self.source.socket is not None and self.source.socket.is_output
+        return bool(self.source.socket.is_output)
 
     @property
     def key(self) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from raytracer.scene.programs import Register, Value
 
 from .node_settings import GENERATED
-from .nodes import Groups, WarningContext, find_link, find_socket, find_source, read_color, read_number
+from .nodes import Groups, WarningContext, find_socket, find_source, is_fed, read_color, read_number
 from .programs import ProgramBuilder
 
 SMALLEST_IOR = 1e-5  # as in Cycles
@@ -74,7 +74,7 @@ class NodeInputs:
     def is_linked(self, identifier: str) -> bool:
         """Return True where something feeds an input."""
         socket = find_socket(self.node.inputs, identifier)
-        return socket is not None and find_link(socket) is not None
+        return socket is not None and is_fed(socket, self.groups)
 
     def is_used(self, identifier: str) -> bool:
         """Return True where an optional input is linked, or set to something other than zero."""
@@ -82,6 +82,6 @@ class NodeInputs:
         if socket is None or not socket.enabled:
             return False
         source = find_source(socket, self.groups).socket
-        if source is None or source.is_output or socket.type == "VECTOR":
-            return source is None or source.is_output
+        if source.is_output or socket.type == "VECTOR":
+            return bool(source.is_output)
         return read_number(source.default_value) != 0

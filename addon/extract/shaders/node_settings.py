@@ -20,7 +20,7 @@ from raytracer.textures.ies import Luminaire, read_ies
 from ... import versions
 from ..custom_properties import find_layer
 from .images import ImageTable, find_first_tile, is_associated
-from .nodes import Groups, WarningContext, find_link, find_socket
+from .nodes import Groups, WarningContext, find_socket, find_source, is_fed, read_number
 from .skies import read_daylight_settings, read_sky_settings
 
 # The attributes that Blender's nodes read without naming them.
@@ -59,16 +59,16 @@ def read_settings(builder: Builder, node: Any, name: str, groups: Groups, output
     return {setting: getattr(node, setting) for setting in OPERATIONS[name].settings}
 
 
-def find_passed(node: Any, output: str) -> str | None:
+def find_passed(node: Any, output: str, groups: Groups) -> str | None:
     """Return the input that a node hands on as it is, or None for one that computes.
 
     A Bump without height hands on its normal, a quadratic Light Falloff that is not smoothed its strength.
     """
-    if node.type == "BUMP" and find_link(find_socket(node.inputs, "Height")) is None:
+    if node.type == "BUMP" and not is_fed(find_socket(node.inputs, "Height"), groups):
         return "Normal"
     if node.type == "LIGHT_FALLOFF" and output == "Quadratic":
-        smooth = find_socket(node.inputs, "Smooth")
-        return "Strength" if find_link(smooth) is None and smooth.default_value <= 0 else None
+        smooth = find_source(find_socket(node.inputs, "Smooth"), groups).socket
+        return "Strength" if not smooth.is_output and read_number(smooth.default_value) <= 0 else None
     return None
 
 
@@ -191,8 +191,8 @@ def read_material_index(builder: Builder, node: Any, groups: Groups, output: str
 
 def read_occlusion(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Ambient Occlusion: a constant distance of 0 stands for the world's own, which is not looked up."""
-    distance = find_socket(node.inputs, "Distance")
-    if find_link(distance) is None and distance.default_value == 0:
+    distance = find_source(find_socket(node.inputs, "Distance"), groups).socket
+    if not distance.is_output and read_number(distance.default_value) == 0:
         builder.place.warn(f"node '{node.name}' (Ambient Occlusion) has no distance set: treated as unoccluded")
     return {name: getattr(node, name) for name in ("samples", "inside", "only_local")}
 

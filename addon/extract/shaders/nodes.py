@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from raytracer.scene.fields import LARGEST
 
+from ... import versions
 from ..warnings import WarningList
 
 Color = NDArray[np.float64]
@@ -39,41 +40,84 @@ class WarningContext(NamedTuple):
 
 
 class Source(NamedTuple):
-    """Where a socket's value comes from.
-
-    socket : the output socket of a node that computes, or the unlinked input whose own value counts; None where a
-        link leads nowhere (a muted node that passes nothing on, a group without its tree)
-    groups : the group nodes that `socket` lies in, outermost first
-    """
+    """Where a socket's value comes from: a socket, and the group nodes that it lies in, outermost first."""
 
     socket: Any
     groups: Groups
 
 
-def find_source(socket: Any, groups: Groups = ()) -> Source:
-    """Follow an input socket back to its Source."""
-    while socket is not None:
-        link = find_link(socket)
-        if link is None:
-            break
+class Hop(NamedTuple):
+    """An input on the way of a value; kind : the type of the output that hands it on, "" for the input asked about."""
+
+    socket: Any
+    groups: Groups
+    kind: str = ""
+
+
+class Way(NamedTuple):
+    """How an input is fed.
+
+    hops : the inputs that hand the value on, near end first
+    source : the output of the node that computes it; None where the last hop's own value counts
+    """
+
+    hops: list[Hop]
+    source: Source | None = None
+
+
+# Types of nodes that show a tree of their own; those of the second kind are defined by add-ons.
+GROUP_NODES = ("GROUP", "CUSTOM GROUP")
+
+
+def find_way(socket: Any, groups: Groups = ()) -> Way:
+    """Follow an input back through reroutes, muted nodes and groups.
+
+    A reroute or a muted node that nothing is linked to hands nothing on, not even its own value, and neither does a
+    muted node without a fitting input: what they feed counts as not linked. What a group is given counts, linked or
+    not (Blender, nodes/intern/shader_nodes_inline.cc, DanglingValue).
+    """
+    hops, counted = [Hop(socket, groups)], 1
+    while (link := find_link(socket)) is not None:
         passed = pass_through(link.from_socket, groups)
         if passed is None:
-            return Source(link.from_socket, groups)
+            return Way(hops, Source(link.from_socket, groups))
+        if passed.socket is None:
+            break
         socket, groups = passed
-    return Source(socket, groups)
+        hops.append(Hop(socket, groups, link.from_socket.type))
+        if not (socket.node.mute or socket.node.type == "REROUTE"):
+            counted = len(hops)
+    return Way(hops[:counted])
+
+
+def find_source(socket: Any, groups: Groups = ()) -> Source:
+    """Return the output that computes an input's value, or the input whose own value counts."""
+    way = find_way(socket, groups)
+    return way.source or Source(way.hops[-1].socket, way.hops[-1].groups)
+
+
+def is_fed(socket: Any, groups: Groups = (), is_pure: bool = False) -> bool:
+    """Return whether an input, whose value nodes compute by themselves where nothing is linked, is given another.
+
+    is_pure : True where its node depends on its inputs alone
+    """
+    way = find_way(socket, groups)
+    if way.source is not None or len(way.hops) == 1:
+        return way.source is not None
+    return versions.hands_on_values(socket, way.hops[-1].socket, is_pure)
 
 
 def pass_through(output: Any, groups: Groups) -> Source | None:
     """Return the input whose value an output hands on (reroutes, muted nodes, groups), or None where its node makes it.
 
-    The socket is None where a node hands nothing on.
+    The socket is None where a node hands nothing on: a muted one that has no fitting input, a group without its tree.
     """
     node = output.node
     if node.mute or node.type == "REROUTE":
         return Source(
             next((inner.from_socket for inner in node.internal_links if inner.to_socket == output), None), groups
         )
-    if node.type == "GROUP":
+    if node.type in GROUP_NODES:
         return Source(find_group_output(node, output.identifier), (*groups, node))
     if node.type == "GROUP_INPUT" and groups:
         return Source(find_socket(groups[-1].inputs, output.identifier), groups[:-1])

@@ -16,7 +16,7 @@ from raytracer.shading.evaluate import OPERATIONS, fold_step, make_constant
 
 from .images import ImageTable
 from .node_settings import find_item, find_passed, is_of_hit, read_settings
-from .nodes import Groups, WarningContext, find_link, find_socket, identify, pass_through, read_number
+from .nodes import Groups, WarningContext, find_socket, find_way, identify, is_fed, read_number
 from .skies import SKY_TYPES
 
 # Blender's types of sockets, as kinds of values.
@@ -68,25 +68,28 @@ class Trail(NamedTuple):
 
 def follow(socket: Any, groups: Groups, kind: str) -> Trail:
     """Follow an input socket back through reroutes, muted nodes and groups."""
-    hops = [(socket, kind)]
-    while (link := find_link(socket)) is not None:
-        output = link.from_socket
-        have, passed = SOCKET_KINDS.get(output.type), pass_through(output, groups)
-        if have is None or (passed is not None and passed.socket is None):
-            break
-        if passed is None:
-            if output.node.type in CONSTANT_NODES:
-                return Trail(hops, constant=output)
-            return Trail(hops, ComputedSocket(output, groups, socket))
-        socket, groups = passed
-        hops.append((socket, have))
-    return Trail(hops)
+    way, hops = find_way(socket, groups), [(socket, kind)]
+    for hop in way.hops[1:]:
+        if hop.kind not in SOCKET_KINDS:
+            return Trail(hops)
+        hops.append((hop.socket, SOCKET_KINDS[hop.kind]))
+    if way.source is None or way.source.socket.type not in SOCKET_KINDS:
+        return Trail(hops)
+    if way.source.socket.node.type in CONSTANT_NODES:
+        return Trail(hops, constant=way.source.socket)
+    return Trail(hops, ComputedSocket(way.source.socket, way.source.groups, hops[-1][0]))
 
 
-def find_read_socket(node: Any, name: str, identifier: str) -> Any:
+def reads_default(socket: Any, groups: Groups, name: str) -> bool:
+    """Return whether something stands in for what an input of the operation `name` takes, as nothing feeds it."""
+    operation = OPERATIONS[name]
+    return socket.identifier in operation.links and not is_fed(socket, groups, not operation.reads_site)
+
+
+def find_read_socket(node: Any, name: str, identifier: str, groups: Groups) -> Any:
     """Return the input of a node whose value its operation `name` takes; None where something stands in for it."""
     socket = find_socket(node.inputs, identifier)
-    if socket is None or (identifier in OPERATIONS[name].links and find_link(socket) is None):
+    if socket is None or reads_default(socket, groups, name):
         return None
     return socket if socket.enabled else None
 
@@ -131,7 +134,8 @@ class ProgramBuilder:
         name = find_operation(source.output.node, source.output.identifier)
         if name is None or source.key in self._known:
             return []
-        inputs = [find_read_socket(source.output.node, name, item) for item in OPERATIONS[name].inputs]
+        node, groups = source.output.node, source.groups
+        inputs = [find_read_socket(node, name, item, groups) for item in OPERATIONS[name].inputs]
         trails = [follow(socket, source.groups, SOCKET_KINDS[socket.type]) for socket in inputs if socket is not None]
         return [trail.source for trail in trails if trail.source is not None]
 
@@ -175,7 +179,7 @@ class ProgramBuilder:
         """Add a node's step and return its outputs."""
         operation = OPERATIONS[name]
         inputs = tuple(self._read_input(node, name, identifier, groups) for identifier in operation.inputs)
-        passed = find_passed(node, output)
+        passed = find_passed(node, output, groups)
         if passed is not None:
             return {operation.outputs[0]: inputs[operation.inputs.index(passed)]}
         return self.add(name, inputs, read_settings(self, node, name, groups, output))
@@ -185,10 +189,10 @@ class ProgramBuilder:
         socket = find_socket(node.inputs, identifier)
         if socket is None:
             return MISSING_INPUTS[identifier]
-        kind, read = SOCKET_KINDS[socket.type], find_read_socket(node, name, identifier)
+        kind, read = SOCKET_KINDS[socket.type], find_read_socket(node, name, identifier, groups)
         if read is not None:
             return self.value_of(read, groups, kind)
-        if identifier in OPERATIONS[name].links and find_link(socket) is None:
+        if reads_default(socket, groups, name):
             return self._read_default(OPERATIONS[name].links[identifier])
         return 0.0 if kind == "number" else np.zeros(3)
 

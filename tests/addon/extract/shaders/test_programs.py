@@ -184,6 +184,41 @@ def test_muted_nodes_reroutes_and_frames_leave_no_trace(tree: Any) -> None:
     assert operations() == ["ATTRIBUTE Vector"]
 
 
+def leave_loose(tree: Any, kind: str) -> Any:
+    """Return an output that hands nothing on: of a reroute, or a muted node, to which nothing is linked."""
+    node = tree.nodes.new(kind)
+    node.mute = kind != "NodeReroute"
+    return node.outputs[0]
+
+
+LOOSE = ("NodeReroute", "ShaderNodeGamma", "ShaderNodeMapping", "ShaderNodeUVMap")
+
+
+@pytest.mark.parametrize("kind", LOOSE)
+def test_what_hands_nothing_on_leaves_an_input_its_own_value(tree: Any, kind: str) -> None:
+    """As Blender 5.0 joins groups, and EEVEE before it."""
+    tree.nodes["Emission"].inputs["Color"].default_value = (0.25, 0.5, 0.75, 1.0)
+    show(tree, leave_loose(tree, kind))
+    assert_array_equal(extract_color(), (0.25, 0.5, 0.75))
+
+
+@pytest.mark.parametrize("kind", LOOSE)
+def test_what_hands_nothing_on_leaves_a_texture_its_own_coordinates(tree: Any, kind: str) -> None:
+    show(tree, add_node(tree, "ShaderNodeTexChecker", {"Vector": leave_loose(tree, kind)}).outputs[0])
+    assert operations() == ["ATTRIBUTE Vector", "TEX_CHECKER"]
+
+
+@pytest.mark.parametrize(("hides", "is_fed"), [(True, False), (False, versions.VERSION >= (5, 0))])
+def test_a_vector_that_a_group_is_not_given_is_the_texture_s_own(tree: Any, hides: bool, is_fed: bool) -> None:
+    """Unless the group shows what it takes instead."""
+    group, start, end = make_group("Group", "NodeSocketVector")
+    group.interface.items_tree["In"].hide_value = hides
+    image = add_node(group, "ShaderNodeTexImage", {"Vector": start.outputs[0]}, image=bpy.data.images.new("I", 2, 2))
+    group.links.new(image.outputs[0], end.inputs[0])
+    show(tree, add_node(tree, "ShaderNodeGroup", node_tree=group).outputs[0])
+    assert operations() == [*([] if is_fed else ["ATTRIBUTE Vector"]), "TEX_IMAGE"]
+
+
 def make_group(name: str, kind: str) -> tuple[Any, Any, Any]:
     group = bpy.data.node_groups.new(name, "ShaderNodeTree")
     group.interface.new_socket("In", in_out="INPUT", socket_type=kind)
