@@ -22,7 +22,7 @@ from .aovs import read_aovs
 from .closures import CLOSURE_READERS, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
 from .mixing import FedShader, read_parts
-from .nodes import Groups, WarningContext, find_link, read_color
+from .nodes import Groups, WarningContext, find_link, find_source, read_color
 from .programs import ProgramBuilder
 from .volumes import VolumeBuilder, read_volume
 
@@ -87,7 +87,7 @@ def extract_material(
     volume, has_surface = None, False
     if output is not None:
         inside = VolumeBuilder(place, images, material.pass_index, grids or ())
-        volume, has_surface = read_volume(output.inputs["Volume"], inside), output.inputs["Surface"].is_linked
+        volume, has_surface = read_volume(output.inputs["Volume"], inside), is_linked(output.inputs["Surface"])
     if grids is not None:
         if has_surface and volume is not None:
             place.warn("a volume has no surface, what is linked to Surface is left out")
@@ -174,6 +174,12 @@ def read_bump(material: Any, node_tree: Any, builder: ProgramBuilder) -> Registe
     return bent
 
 
+def is_linked(socket: Any) -> bool:
+    """Return whether a node computes what an input of an output node gets: as in Cycles no loose reroute, muted link,
+    or group that leaves its output empty."""
+    return bool(find_source(socket).socket.is_output)
+
+
 def read_output(output: Any, builder: ProgramBuilder) -> list[raytracer.Closure]:
     """Return the closures of a material's output node: none (black) without one, transparent for a mere volume."""
     place = builder.place
@@ -181,7 +187,7 @@ def read_output(output: Any, builder: ProgramBuilder) -> list[raytracer.Closure]
         place.warn("no output node, the surface is black")
         return []
     surface = output.inputs["Surface"]
-    if output.inputs["Volume"].is_linked and not surface.is_linked:
+    if is_linked(output.inputs["Volume"]) and not is_linked(surface):
         return [raytracer.Closure("transparent", color=1.0)]
     closures = read_shader(surface, (), 1.0, builder)
     if surface.is_linked and not closures:

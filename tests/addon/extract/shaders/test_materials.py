@@ -223,6 +223,26 @@ def test_volume_alone_leaves_a_transparent_surface(tree: Any) -> None:
     assert not texts()
 
 
+def test_a_surface_that_a_group_leaves_empty_is_none(tree: Any) -> None:
+    group, _, end = make_group("Smoke")
+    group.interface.new_socket("Volume", in_out="OUTPUT", socket_type="NodeSocketShader")
+    group.links.new(group.nodes.new("ShaderNodeVolumeScatter").outputs[0], end.inputs["Volume"])
+    node = add_group(tree, group)
+    tree.links.new(node.outputs["Shader"], tree.nodes[0].inputs["Surface"])
+    tree.links.new(node.outputs["Volume"], tree.nodes[0].inputs["Volume"])
+    material = extract_material()
+    assert [closure.kind for closure in material.closures] == ["transparent"]
+    assert material.only_volume
+    assert not texts()
+
+
+def test_a_volume_behind_a_muted_link_is_none(tree: Any) -> None:
+    volume = tree.nodes.new("ShaderNodeVolumePrincipled")
+    tree.links.new(volume.outputs[0], tree.nodes[0].inputs["Volume"]).is_muted = True
+    material = extract_material()
+    assert (material.closures, material.volume) == ((), None)
+
+
 def test_cycles_output_comes_before_eevees(tree: Any) -> None:
     add(tree, "ShaderNodeBsdfGlossy")
     tree.nodes[0].target = "EEVEE"
