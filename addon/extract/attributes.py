@@ -1,7 +1,8 @@
 """Attributes that materials read: uv maps, colors, any named attribute, Generated coordinates; of meshes and points.
 
-Each is read from an evaluated mesh as (v, k) per vertex or (t, 3, k) per corner of the triangles; values per face or
-edge become values at corners. Those of point clouds are (s, k), one value per point.
+Each is read from an evaluated mesh as (v, k) per vertex or (t, 3, k) per corner of the triangles; values per face
+become values at corners, values per edge their means at vertices. Those of point clouds are (s, k), one value per
+point.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ ATTRIBUTE_TYPES: dict[str, tuple[str, type, int]] = {
     "FLOAT_COLOR": ("color", np.float32, 4),
     "BYTE_COLOR": ("color", np.float32, 4),
 }
+# What materials read besides: w, x, y and z of a rotation as a color and its alpha, as in Cycles.
+READ_TYPES = {**ATTRIBUTE_TYPES, "QUATERNION": ("value", np.float32, 4)}
 # What only meshes have, under names of our own.
 UNNAMED = {DEFAULT_COLOR, DEFAULT_UV, GENERATED, ISLAND, POINTINESS, SMOOTH, UNDEFORMED, UNDISPLACED, VERTEX_NORMAL}
 
@@ -82,9 +85,9 @@ def read_point_attributes(cloud: Any, points: Points, names: Iterable[str]) -> d
 def read_values(attribute: Any) -> Values | None:
     """Return an attribute's values (k, width), 0 for those that are NaN, or None for a kind that materials cannot
     read."""
-    if attribute.data_type not in ATTRIBUTE_TYPES:
+    if attribute.data_type not in READ_TYPES:
         return None
-    field, dtype, width = ATTRIBUTE_TYPES[attribute.data_type]
+    field, dtype, width = READ_TYPES[attribute.data_type]
     return np.nan_to_num(read_array(attribute.data, field, dtype, width).reshape(-1, width).astype(np.float32))
 
 
@@ -117,15 +120,25 @@ def read_islands(mesh: Any, geometry: Geometry) -> Values:
 
 
 def to_triangles(mesh: Any, geometry: Geometry, domain: str, values: Values) -> Values | None:
-    """Return values of a domain at vertices (v, k) or at the corners of triangles (t, 3, k); None for edges."""
+    """Return values of a domain at vertices (v, k) or at the corners of triangles (t, 3, k); None for other domains."""
     if domain == "POINT":
         return values
+    if domain == "EDGE":
+        return average_edges(mesh, values)
     if domain == "CORNER":
         corners = read_corners(mesh)
         return values[corners if geometry.kept is None else corners[geometry.kept]]
     if domain == "FACE":
         return np.repeat(values[geometry.polygons][:, np.newaxis], 3, axis=1)
     return None
+
+
+def average_edges(mesh: Any, values: Values) -> Values:
+    """Return at each vertex (v, k) the mean of the values (e, k) of its edges, 0 without any, as Cycles has it."""
+    ends, count = read_array(mesh.attributes[".edge_verts"].data, "value", np.intc, 2), len(mesh.vertices)
+    sums = np.stack([np.bincount(ends.ravel(), np.repeat(column, 2), minlength=count) for column in values.T], axis=1)
+    degree = np.bincount(ends.ravel(), minlength=count)[:, np.newaxis]
+    return np.divide(sums, degree, out=np.zeros_like(sums), where=degree > 0).astype(np.float32)
 
 
 def read_generated(mesh: Any) -> Values:
