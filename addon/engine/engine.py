@@ -20,7 +20,7 @@ from raytracer.processes.workers import WorkerError
 
 from .. import interrupts
 from ..extract.scene import Extraction, extract_scene
-from ..extract.shutter import SetFrame
+from ..extract.shutter import SetFrame, is_blurred
 from ..extract.warnings import Warning
 from ..passes import declare_passes, enabled_passes
 from ..properties import ENGINE, settings_keywords
@@ -137,7 +137,7 @@ def render_view_layer(engine: Any, depsgraph: Any, view: str = "") -> None:
         progress.show_stage("Reading the scene")
         kept = animation.find_frames(engine, depsgraph)
         extraction = read_scene(depsgraph, kept, find_set_frame(engine, scene))
-        warnings = (*extraction.warnings, *find_ignored_settings(scene, extraction.scene.motion is not None))
+        warnings = (*extraction.warnings, *find_ignored_settings(depsgraph, extraction.scene.motion is not None))
         things = name_things(extraction, enabled_passes(view_layer))
         traced = look_from_view(engine, view, scene, give_identities(extraction.scene, things))
         world = find_world(scene, view_layer)
@@ -297,16 +297,19 @@ def find_set_frame(engine: Any, scene: Any) -> SetFrame | None:
     return None if engine.is_preview or scene.render.use_multiview else engine.frame_set
 
 
-def find_ignored_settings(scene: Any, moves: bool) -> list[Warning]:
+def find_ignored_settings(depsgraph: Any, moves: bool) -> list[Warning]:
     """Return one warning for each setting that the picture does not follow.
 
     moves : True where something moves while the shutter is open
     """
+    scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     is_adaptive = moves and scene.reference_raytracer.use_adaptive_sampling
-    is_stereo = scene.render.use_motion_blur and scene.render.use_multiview
+    is_stereo = is_blurred(depsgraph) and scene.render.use_multiview
+    samples = f"Samples of a view layer's own are not supported: '{view_layer.name}' has those of the scene"
     ignored = (
         (is_adaptive, "Adaptive sampling does not go with motion blur: all pixels have the same number of samples"),
         (is_stereo, "Motion blur is not supported with stereoscopy: the picture shows one moment"),
+        (view_layer.samples > 0, samples),
     )
     return [*(Warning(text) for is_used, text in ignored if is_used), *find_unsupported(scene)]
 

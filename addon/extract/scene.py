@@ -30,7 +30,7 @@ from .motion import STEPS_OF_NEIGHBORS, Tracks, read_motion
 from .parts import Context, ObjectKey
 from .placing import place_parts
 from .shaders.material_table import MaterialTable
-from .shutter import SetFrame, opened_shutter, read_shutter, span_neighbors
+from .shutter import SetFrame, is_blurred, opened_shutter, read_shutter, span_neighbors
 from .strands import shows_thick
 from .warnings import Warning, WarningList
 from .world import extract_world
@@ -86,7 +86,7 @@ def extract_scene(
         If the scene has no usable camera and one is needed.
     """
     with read_layer_of(depsgraph):
-        if set_frame is None or not (depsgraph.scene.render.use_motion_blur or "Vector" in passes):
+        if set_frame is None or not (is_blurred(depsgraph) or "Vector" in passes):
             return _extract_scene(depsgraph, passes, geometry_only, space, kept, needs_camera)
         return extract_moving(depsgraph, passes, kept, set_frame)
 
@@ -94,19 +94,18 @@ def extract_scene(
 def extract_moving(depsgraph: Any, passes: Sequence[str], kept: Kept | None, set_frame: SetFrame) -> Extraction:
     """Return the scene in the middle of the shutter's time, with its motion; without a shutter, with its motion from
     the frame before to the next."""
-    source = depsgraph.scene
-    is_blurred = source.render.use_motion_blur
-    shutter = read_shutter(source) if is_blurred else span_neighbors(source)
-    tracks = Tracks(source, shutter.frame, None if is_blurred else STEPS_OF_NEIGHBORS)
+    source, blurs = depsgraph.scene, is_blurred(depsgraph)
+    shutter = read_shutter(source) if blurs else span_neighbors(source)
+    tracks = Tracks(source, shutter.frame, None if blurs else STEPS_OF_NEIGHBORS)
     warnings = WarningList()
     with opened_shutter(shutter, set_frame):
         still = _extract_scene(depsgraph, passes, False, None, kept, True, tracks)
         motion = read_motion(depsgraph, tracks, still.scene, shutter, set_frame, warnings)
-    if is_blurred and "Vector" in passes:
+    if blurs and "Vector" in passes:
         warnings.add("the Vector pass is empty with motion blur: the picture has the motion already")
     scene = still.scene
     if motion is not None:
-        scene = replace(scene, motion=motion) if is_blurred else replace(scene, neighbors=motion)
+        scene = replace(scene, motion=motion) if blurs else replace(scene, neighbors=motion)
     return replace(still, scene=scene, warnings=(*still.warnings, *warnings.records))
 
 

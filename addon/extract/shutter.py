@@ -42,6 +42,11 @@ class Shutter:
         return math.floor(at), at - math.floor(at)
 
 
+def is_blurred(depsgraph: Any) -> bool:
+    """Return whether a view layer shows what moves while the shutter is open; its own filter may leave that out."""
+    return bool(depsgraph.scene.render.use_motion_blur and depsgraph.view_layer.use_motion_blur)
+
+
 def read_shutter(scene: Any) -> Shutter:
     """Return when a scene's shutter is open."""
     length = scene.render.motion_blur_shutter

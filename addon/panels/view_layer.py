@@ -76,10 +76,15 @@ class RAYTRACER_VIEWLAYER_PT_filter(EnginePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Any) -> None:
-        column, layer = split(self).column(heading="Include"), context.view_layer
+        parts, layer = split(self), context.view_layer
+        column = parts.column(heading="Include")
         column.prop(layer, "use_sky", text="Environment")
         column.prop(layer, "use_solid", text="Surfaces")
+        column.prop(layer, "use_strand", text="Curves")
         column.prop(layer, "use_volumes", text="Volumes")
+        use = parts.column(heading="Use")
+        use.active = context.scene.render.use_motion_blur
+        use.prop(layer, "use_motion_blur", text="Motion Blur")
 
 
 class RAYTRACER_VIEWLAYER_PT_override(EnginePanel, bpy.types.Panel):

@@ -183,6 +183,16 @@ def test_statistics_tell_what_the_render_took(stage: Any, tmp_path: Path) -> Non
     assert not statistics.cancelled
 
 
+def test_samples_that_a_view_layer_alone_would_have_are_named(stage: Any, tmp_path: Path) -> None:
+    bpy.context.view_layer.samples = 3
+    render_pass(stage, tmp_path / "a.exr")
+    taken = last_render(stage)
+    assert taken.samples != 3
+    assert [str(warning) for warning in taken.warnings] == [
+        "Samples of a view layer's own are not supported: 'ViewLayer' has those of the scene"
+    ]
+
+
 def test_error_and_sample_count_reach_the_file(stage: Any, tmp_path: Path) -> None:
     layer = stage.view_layers[0]
     layer.raytracer_use_pass_error = layer.raytracer_use_pass_sample_count = True

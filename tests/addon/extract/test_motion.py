@@ -120,9 +120,12 @@ def test_an_instance_stands_still_where_its_instancer_does(stage: Any, shown: An
     assert read(stage)[0].scene.motion is None
 
 
-def test_nothing_is_read_where_nothing_shall_be_blurred(stage: Any, shown: Any, monkeypatch: Any) -> None:
+@pytest.mark.parametrize("by_layer", [False, True])
+def test_nothing_is_read_where_nothing_shall_be_blurred(
+    stage: Any, shown: Any, monkeypatch: Any, by_layer: bool
+) -> None:
     move(shown)
-    stage.render.use_motion_blur = False
+    (bpy.context.view_layer if by_layer else stage.render).use_motion_blur = False
     monkeypatch.setattr(motion, "count_steps", None)
     found, asked = read(stage)
     assert (found.scene.motion, asked) == (None, [])

@@ -222,4 +222,5 @@ def test_override_panel_draws_what_this_blender_has(empty_scene: Any, registered
 
 
 def test_filter_panel_draws_what_the_engine_heeds(empty_scene: Any, registered: None) -> None:
-    assert draw(view_layer.RAYTRACER_VIEWLAYER_PT_filter).names == ["use_sky", "use_solid", "use_volumes"]
+    names = ["use_sky", "use_solid", "use_strand", "use_volumes", "use_motion_blur"]
+    assert draw(view_layer.RAYTRACER_VIEWLAYER_PT_filter).names == names
