@@ -71,6 +71,7 @@ class Adaptive:
     """What a modifier asks for.
 
     in_pixels : True where `size`, of edges, is in pixels, False in metres of the object
+    creases : False where the creases of its mesh do not count
     """
 
     in_pixels: bool
@@ -78,6 +79,7 @@ class Adaptive:
     is_smooth: bool
     keeps_corners: bool
     map_rule: str
+    creases: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +148,7 @@ def read_adaptive(source: Any, shown: Any, dicing: Dicing | None, warnings: Warn
         modifier.subdivision_type == "CATMULL_CLARK",
         modifier.boundary_smooth == "PRESERVE_CORNERS",
         MAP_RULES[modifier.uv_smooth],
+        modifier.use_creases,
     )
 
 
@@ -167,9 +170,11 @@ def read_base(mesh: Any, geometry: Geometry, adaptive: Adaptive) -> AdaptiveBase
     vertex = read_array(mesh.loops, "vertex_index", np.intc).astype(np.intp)
     start = np.append(read_array(mesh.polygons, "loop_start", np.intc), len(vertex)).astype(np.intp)
     count = len(mesh.vertices)
-    sharpness = read_attribute(mesh, "crease_vert", "value", np.float32)
     edges, creases = np.zeros((0, 2), np.intp), np.zeros(0)
-    found = read_attribute(mesh, "crease_edge", "value", np.float32)
+    sharpness, found = (
+        read_attribute(mesh, name, "value", np.float32) if adaptive.creases else None
+        for name in ("crease_vert", "crease_edge")
+    )
     if found is not None and found.any():
         ends = read_array(mesh.attributes[".edge_verts"].data, "value", np.intc, 2)
         edges, creases = ends[found > 0].astype(np.intp), CREASE_SCALE * found[found > 0].astype(np.float64)

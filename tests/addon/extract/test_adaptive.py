@@ -289,3 +289,13 @@ def test_velocities_carry_a_diced_mesh_with_the_one_it_was_made_of(box: Any) -> 
 def list_curves(keys: Any) -> list[Any]:
     (layer,) = keys.animation_data.action.layers
     return [curve for bag in layer.strips[0].channelbags for curve in bag.fcurves]
+
+
+@NEEDS_BASE
+def test_creases_count_where_the_modifier_says_so(box: Any) -> None:
+    """A box all of whose edges are creased stays a box; its limit surface without them lies well inside."""
+    creases = box.data.attributes.new("crease_edge", "FLOAT", "EDGE")
+    creases.data.foreach_set("value", [1.0] * 12)
+    assert read().scene.meshes[0].positions[:, 0].max() == 1.0
+    box.modifiers[0].use_creases = False
+    assert read().scene.meshes[0].positions[:, 0].max() < 0.9
