@@ -117,3 +117,17 @@ def test_panorama_is_read_with_its_lens(scene_with_camera: Any) -> None:
     assert panorama.longitude == (-1.5, np.float32(np.pi))
     lens.type = "PERSP"
     assert extract_camera(scene_with_camera, warnings).panorama is None
+
+
+@pytest.mark.parametrize("kind", ["SPOT", "POINT", "SUN", "AREA"])
+def test_a_light_as_camera_has_blenders_view(scene_with_camera: Any, kind: str) -> None:
+    light = bpy.data.lights.new("Light", kind)
+    if kind == "SPOT":
+        light.spot_size = 1.0
+    holder = bpy.data.objects.new("Light", light)
+    scene_with_camera.collection.objects.link(holder)
+    scene_with_camera.camera = holder
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    expected = holder.calc_matrix_camera(depsgraph, x=200, y=100)[0][0]
+    camera = extract_camera(depsgraph.scene_eval, WarningList())
+    assert 2.0 * camera.focal_length / camera.sensor_width == pytest.approx(expected, rel=1e-5)
