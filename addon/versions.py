@@ -221,6 +221,12 @@ def find_rgb_from_xyz(version: tuple[int, ...] = VERSION) -> NDArray[np.float64]
     return np.array(RGB_FROM_XYZ[version >= (5, 0)])
 
 
+def find_working_space() -> str:
+    """Return the linear color space that a file's colors are in: its own choice since 5.0."""
+    settings = getattr(bpy.data, "colorspace", None)
+    return "Linear Rec.709" if settings is None else str(settings.working_space)
+
+
 def read_world_bounces(world: Any) -> int | None:
     """Return the bounces after which a world is not sampled as a light, or None without limit, or if it never is; the
     setting is Cycles' own."""

@@ -24,7 +24,7 @@ from .displacing import displace_meshes
 from .instance_order import Shapes
 from .instances import walk_instances
 from .kept import Kept
-from .left_out import warn_missing
+from .left_out import warn_missing, warn_working_space
 from .mesh_table import MeshTable
 from .motion import STEPS_OF_NEIGHBORS, Tracks, read_motion
 from .parts import Context, ObjectKey
@@ -132,6 +132,8 @@ def _extract_scene(
     materials = None if geometry_only else MaterialTable(warnings, last, frame, list_aovs(passes))
     meshes = MeshTable("UV" in passes, warnings, last)
     warn_missing(depsgraph, warnings)
+    if materials is not None:
+        warn_working_space(warnings)
     dicing = read_dicing(depsgraph) if needs_camera and not geometry_only else None
     with closing(VoxelReader()) as voxels:
         context = Context(
