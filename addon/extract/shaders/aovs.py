@@ -19,7 +19,7 @@ import raytracer
 from raytracer.film.passes import AOV_COLOR, AOV_VALUE
 from raytracer.scene.programs import Program, Register, Value
 
-from .nodes import Groups, find_socket, read_links_once
+from .nodes import GROUP_NODES, Groups, find_socket, read_links_once
 from .programs import ProgramBuilder
 
 
@@ -56,5 +56,5 @@ def list_aov_nodes(node_tree: Any, groups: Groups = ()) -> Iterator[tuple[Any, G
     for node in node_tree.nodes:
         if node.type == "OUTPUT_AOV":
             yield node, groups
-        elif node.type == "GROUP" and node.node_tree is not None and not node.mute:
+        elif node.type in GROUP_NODES and node.node_tree is not None and not node.mute:
             yield from list_aov_nodes(node.node_tree, (*groups, node))

@@ -147,6 +147,26 @@ def add_group(tree: Any, group: Any) -> Any:
     return node
 
 
+def test_groups_of_add_ons_are_entered(tree: Any) -> None:
+    class Custom(bpy.types.ShaderNodeCustomGroup):
+        bl_idname, bl_label = "CustomGroupOfATest", "Custom"
+
+    bpy.utils.register_class(Custom)
+    try:
+        group, start, end = make_group("Custom")
+        diffuse = group.nodes.new("ShaderNodeBsdfDiffuse")
+        group.links.new(start.outputs[0], diffuse.inputs["Color"])
+        group.links.new(diffuse.outputs[0], end.inputs[0])
+        node = tree.nodes.new(Custom.bl_idname)
+        node.node_tree = group
+        node.inputs[0].default_value = (0.25, 0.5, 1, 1)
+        tree.links.new(node.outputs[0], tree.nodes[0].inputs[0])
+        assert_array_equal(extract_closure().color, (0.25, 0.5, 1))
+        assert not texts()
+    finally:
+        bpy.utils.unregister_class(Custom)
+
+
 def test_nested_node_groups_are_entered_and_left_again(tree: Any) -> None:
     inner, inner_start, inner_end = make_group("Inner")
     diffuse = inner.nodes.new("ShaderNodeBsdfDiffuse")
@@ -306,3 +326,13 @@ def test_transparent_shadows_are_the_materials_choice(tree: Any) -> None:
     for choice in (True, False):
         material.use_transparent_shadow = choice
         assert extract_material().transparent_shadow == choice
+
+
+@pytest.mark.skipif(versions.VERSION < (5, 0), reason="files have one working space")
+def test_a_working_space_of_other_primaries_is_named(tree: Any) -> None:
+    bpy.ops.wm.set_working_color_space(working_space="ACEScg", convert_colors=False)
+    try:
+        (text,) = texts()
+        assert text.startswith("working space 'ACEScg' is not supported")
+    finally:
+        bpy.ops.wm.set_working_color_space(working_space="Linear Rec.709", convert_colors=False)
