@@ -18,6 +18,7 @@ from .images import ImageTable
 from .node_settings import find_item, find_passed, is_of_hit, read_settings
 from .nodes import Groups, WarningContext, find_socket, find_way, identify, is_fed, read_number
 from .skies import SKY_TYPES
+from .texture_mapping import map_texture
 
 # Blender's types of sockets, as kinds of values.
 SOCKET_KINDS = {"VALUE": "number", "INT": "number", "BOOLEAN": "number", "VECTOR": "vector", "RGBA": "color"}
@@ -178,7 +179,10 @@ class ProgramBuilder:
     def _add_node(self, node: Any, name: str, groups: Groups, output: str) -> dict[str, Value]:
         """Add a node's step and return its outputs."""
         operation = OPERATIONS[name]
-        inputs = tuple(self._read_input(node, name, identifier, groups) for identifier in operation.inputs)
+        values = {identifier: self._read_input(node, name, identifier, groups) for identifier in operation.inputs}
+        if "Vector" in values:
+            values["Vector"] = map_texture(self, node, values["Vector"])
+        inputs = tuple(values.values())
         passed = find_passed(node, output, groups)
         if passed is not None:
             return {operation.outputs[0]: inputs[operation.inputs.index(passed)]}

@@ -283,6 +283,22 @@ def test_constant_normals_of_zero_are_none(tree: Any) -> None:
     assert extract_material().closures[0].normal is None
 
 
+def test_a_texture_s_own_mapping_moves_its_coordinates(tree: Any) -> None:
+    checker = add_node(tree, "ShaderNodeTexChecker", {"Vector": uv(tree)})
+    show(tree, checker.outputs[0])
+    mapping = checker.texture_mapping
+    assert operations() == ["ATTRIBUTE Vector", "TEX_CHECKER"]
+    mapping.mapping_x, mapping.mapping_y, mapping.mapping_z = "Y", "NONE", "Z"
+    assert operations() == ["ATTRIBUTE Vector", "SEPXYZ", "COMBXYZ", "TEX_CHECKER"]
+    steps = extract_material().program.steps
+    assert steps[2].inputs == (Register(1, "Y"), 0.0, Register(1, "Z"))
+    mapping.vector_type, mapping.scale = "TEXTURE", (2.0, 3.0, 4.0)
+    assert operations() == ["ATTRIBUTE Vector", "SEPXYZ", "COMBXYZ", "MAPPING", "TEX_CHECKER"]
+    step = extract_material().program.steps[3]
+    assert step.settings == {"vector_type": "TEXTURE"}
+    assert_array_equal(step.inputs[3], (2.0, 3.0, 4.0))
+
+
 def test_bump_runs_its_height_as_a_program_of_its_own(tree: Any) -> None:
     attribute = add_node(tree, "ShaderNodeAttribute", attribute_name="number").outputs["Fac"]
     show(tree, add_node(tree, "ShaderNodeBump", {"Height": attribute}).outputs[0])
