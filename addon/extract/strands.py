@@ -197,8 +197,19 @@ def read_paths(source: Any, system: Any, particles: range, is_render: bool) -> V
     if missing.any():
         last = np.where(missing, 0, np.arange(steps))
         points = np.take_along_axis(points, np.maximum.accumulate(last, axis=1)[:, :, np.newaxis], axis=1)
-    object_from_world = np.linalg.inv(np.array(source.matrix_world, dtype=np.float64))
+    object_from_world = invert(np.array(source.matrix_world, dtype=np.float64))
     return points @ object_from_world[:3, :3].T + object_from_world[:3, 3]
+
+
+def invert(matrix: Values) -> Values:
+    """Return the inverse of an affine matrix (4, 4); of one that flattens, what brings back all that it can."""
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        inverse = np.eye(4)
+        inverse[:3, :3] = np.linalg.pinv(matrix[:3, :3])
+        inverse[:3, 3] = -inverse[:3, :3] @ matrix[:3, 3]
+        return inverse
 
 
 def find_radii(settings: Any, intercept: Values) -> Values:

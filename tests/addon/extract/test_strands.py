@@ -186,6 +186,18 @@ def test_particles_are_strands_on_their_emitter(scene_with_camera: Any) -> None:
     assert_allclose(curves.radii.reshape(7, 9)[:, [0, -1]], np.tile((0.1, 0.0), (7, 1)), atol=1e-6)
 
 
+@pytest.mark.parametrize("scale", [(0, 0, 0), (1, 2, 0)])
+def test_hair_on_what_is_scaled_to_nothing_is_as_flat(scene_with_camera: Any, scale: tuple[float, ...]) -> None:
+    """Things that grow from nothing are keyed so; a matrix without inverse must not end the render."""
+    shown = add_furry_square(scene_with_camera)
+    shown.location, shown.scale = (1, 2, 3), scale
+    (curves,) = extract().scene.curves
+    system = shown.evaluated_get(bpy.context.evaluated_depsgraph_get()).particle_systems[0]
+    expected = [system.co_hair(shown, particle_no=number, step=step) for number in range(7) for step in range(9)]
+    assert_allclose(curves.points, expected, atol=1e-6)
+    assert_array_equal(curves.radii, 0.0)
+
+
 def test_children_stand_for_their_parents(scene_with_camera: Any) -> None:
     add_furry_square(scene_with_camera, child_type="SIMPLE", child_percent=3, use_close_tip=False, tip_radius=0.5)
     (curves,) = extract().scene.curves
