@@ -103,7 +103,8 @@ def read_object(builder: Builder, node: Any, groups: Groups, output: str) -> Set
     if node.object is None:
         return {"object_from_world": None}
     matrix = np.array(node.object.matrix_world, dtype=np.float64)
-    if abs(np.linalg.det(matrix)) == 0:
+    matrix[3] = (0.0, 0.0, 0.0, 1.0)  # as Cycles: a parent's inverse matrix may hold anything there
+    if not (np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 0):
         return {"object_from_world": np.zeros((4, 4))}
     return {"object_from_world": np.linalg.inv(matrix)}
 

@@ -299,6 +299,14 @@ def test_a_texture_s_own_mapping_moves_its_coordinates(tree: Any) -> None:
     assert_array_equal(step.inputs[3], (2.0, 3.0, 4.0))
 
 
+def test_coordinates_of_an_object_that_is_nowhere_are_zero(tree: Any) -> None:
+    nowhere = bpy.data.objects.new("Nowhere", None)
+    bpy.context.scene.collection.objects.link(nowhere)
+    nowhere.location = (np.nan, 0.0, 0.0)
+    show(tree, add_node(tree, "ShaderNodeTexCoord", object=nowhere).outputs["Object"])
+    assert_array_equal(extract_material().program.steps[0].settings["object_from_world"], np.zeros((4, 4)))
+
+
 def test_bump_runs_its_height_as_a_program_of_its_own(tree: Any) -> None:
     attribute = add_node(tree, "ShaderNodeAttribute", attribute_name="number").outputs["Fac"]
     show(tree, add_node(tree, "ShaderNodeBump", {"Height": attribute}).outputs[0])
