@@ -60,13 +60,17 @@ def find_node_tree(owner: Any) -> Any:
     return owner.node_tree if owner.use_nodes else None
 
 
-def hands_on_values(target: Any, given: Any, is_pure: bool, version: tuple[int, ...] = VERSION) -> bool:
-    """Return True where an input, `target`, that a node computes by itself while nothing is linked, takes instead the
-    value of a group's input, `given`, to which nothing is linked.
+def inline_nodes(owner: Any) -> Any:
+    """Return what holds, as `node_tree`, the nodes of a material, world or light without zones and groups; None before
+    5.0, where there are no zones."""
+    make = getattr(bpy.types, "InlineShaderNodes", None)
+    return None if make is None else getattr(make, f"from_{owner.id_type.lower()}")(owner)
 
-    Up to 4.5 Cycles takes none. Since 5.0 Blender joins groups itself: only where neither input shows a value, none is
-    taken; but nodes that depend on their inputs alone, `is_pure`, it computes before, with that value.
-    """
+
+def hands_on_values(target: Any, given: Any, is_pure: bool, version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where an input, `target`, takes what an unlinked input of a group says, `given`, not what its node
+    computes by itself: never up to 4.5; since 5.0 Blender joins groups, and does unless both hide their values, but
+    always where the node depends on its inputs alone, `is_pure`: then it computes that before."""
     return version >= (5, 0) and (is_pure or not (target.hide_value and given.hide_value))
 
 
@@ -223,8 +227,7 @@ def find_rgb_from_xyz(version: tuple[int, ...] = VERSION) -> NDArray[np.float64]
 
 def find_working_space() -> str:
     """Return the linear color space that a file's colors are in: its own choice since 5.0."""
-    settings = getattr(bpy.data, "colorspace", None)
-    return "Linear Rec.709" if settings is None else str(settings.working_space)
+    return str(getattr(getattr(bpy.data, "colorspace", None), "working_space", "Linear Rec.709"))
 
 
 def read_world_bounces(world: Any) -> int | None:

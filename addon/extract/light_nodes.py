@@ -12,6 +12,7 @@ from .shaders.images import ImageTable
 from .shaders.materials import list_properties, read_shine
 from .shaders.nodes import WarningContext
 from .shaders.programs import ProgramBuilder
+from .shaders.trees import find_tree
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ NO_NODES = LightFactor(1.0)
 
 def read_light_nodes(light: Any, place: WarningContext, images: ImageTable) -> LightFactor:
     """Return what the nodes of a light make of it; images : those of the scene."""
-    node_tree = versions.find_node_tree(light)
+    node_tree = find_tree(light)
     output = versions.find_output_node(node_tree) if node_tree is not None else None
     if output is None:
         return NO_NODES if node_tree is None else LightFactor(0.0)

@@ -30,6 +30,7 @@ from .motion import STEPS_OF_NEIGHBORS, Tracks, read_motion
 from .parts import Context, ObjectKey
 from .placing import place_parts
 from .shaders.material_table import MaterialTable
+from .shaders.trees import hold_trees
 from .shutter import SetFrame, is_blurred, opened_shutter, read_shutter, span_neighbors
 from .strands import shows_thick
 from .warnings import Warning, WarningList
@@ -85,7 +86,7 @@ def extract_scene(
     ValueError
         If the scene has no usable camera and one is needed.
     """
-    with read_layer_of(depsgraph):
+    with read_layer_of(depsgraph), hold_trees():
         if set_frame is None or not (is_blurred(depsgraph) or "Vector" in passes):
             return _extract_scene(depsgraph, passes, geometry_only, space, kept, needs_camera)
         return extract_moving(depsgraph, passes, kept, set_frame)

@@ -19,6 +19,7 @@ from .shaders.images import ImageTable
 from .shaders.materials import read_shine
 from .shaders.nodes import WarningContext, read_color
 from .shaders.programs import ProgramBuilder
+from .shaders.trees import find_tree
 from .shaders.volumes import VolumeBuilder, read_volume
 from .warnings import WarningList
 
@@ -35,7 +36,7 @@ def extract_world(
     """Return the world, or None for black: no world, no output, nothing linked; aovs : passes that it may write."""
     if world is None:
         return None
-    node_tree = versions.find_node_tree(world)
+    node_tree = find_tree(world)
     if node_tree is None:
         return raytracer.World(read_color(world.color), seen_by=find_world_visibility(world))
     place = WarningContext(warnings, prefix=f"world '{world.name}': ")

@@ -24,6 +24,7 @@ from .images import ImageTable
 from .mixing import FedShader, read_parts
 from .nodes import Groups, WarningContext, find_link, find_source, read_color
 from .programs import ProgramBuilder
+from .trees import find_tree
 from .volumes import VolumeBuilder, read_volume
 
 # Pixels between the places where Cycles takes the height of a displacement, whatever Bump nodes say.
@@ -82,7 +83,7 @@ def extract_material(
     """
     place = WarningContext(warnings, object_name, material.name)
     builder = ProgramBuilder(place, images, material.pass_index)
-    node_tree = versions.find_node_tree(material)
+    node_tree = find_tree(material)
     output = None if node_tree is None else versions.find_output_node(node_tree)
     volume, has_surface = None, False
     if output is not None:
@@ -134,7 +135,7 @@ def list_properties(program: Program) -> frozenset[str]:
 
 def find_displacement_socket(material: Any, methods: tuple[str, ...]) -> Any:
     """Return the socket that a material's displacement feeds, or None where none does or it is of another method."""
-    node_tree = versions.find_node_tree(material) if material.displacement_method in methods else None
+    node_tree = find_tree(material) if material.displacement_method in methods else None
     output = None if node_tree is None else versions.find_output_node(node_tree)
     socket = None if output is None else output.inputs["Displacement"]
     return None if socket is None or find_link(socket) is None else socket
