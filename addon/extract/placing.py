@@ -67,6 +67,8 @@ def place_parts(
             warnings.add("its matrix is NaN or infinite: object left out", part.object.name)
         elif part.mesh is not None:
             meshes.append(row)
+        elif part.points is not None and not find_scale(matrices[row, :3, :3])[0]:
+            pass  # scaled to nothing: spheres without a size are none
         elif part.points is not None or part.strands is not None:
             info: dict[str, Any] = {"random": placements.random[row], "color": part.color} if with_info else {}
             info |= {"properties": placements.properties[row], **vars(links[index])}

@@ -90,10 +90,11 @@ def deform_mesh(mesh: Mesh, motion: MeshMotion, time: float) -> Mesh:
 
 
 def move_spheres(spheres: Spheres, motion: SpheresMotion, time: float) -> Spheres:
-    """Return a group of spheres at a time."""
+    """Return a group of spheres at a time; where its object is scaled to nothing, of the smallest radius there is."""
     matrix = interpolate_matrices(motion.world_from_object[:, None], time)[0]
     centres = transform(matrix[:3, :3], motion.centres) + matrix[:3, 3]
-    return replace(spheres, centres=centres, radii=motion.radii * abs(np.linalg.det(matrix[:3, :3])) ** (1 / 3))
+    radii = motion.radii * abs(np.linalg.det(matrix[:3, :3])) ** (1 / 3)
+    return replace(spheres, centres=centres, radii=np.maximum(radii, np.finfo(np.float64).tiny))
 
 
 def move_curves(curves: Curves, motion: CurvesMotion, time: float) -> Curves:

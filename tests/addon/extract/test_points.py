@@ -63,6 +63,14 @@ def test_values_that_are_not_numbers_are_0(cloud: Any) -> None:
     assert extract().scene.spheres[0].attributes["grade"][2].tolist() == [0.0, 1.0, 0.0]
 
 
+@pytest.mark.parametrize("scale", [(0, 0, 0), (1, 1, 0)])
+def test_points_that_are_scaled_to_nothing_are_not_there(cloud: Any, scale: tuple[float, ...]) -> None:
+    """Things that grow from nothing are keyed so; it must not end the render."""
+    cloud.scale = scale
+    found = extract()
+    assert (found.scene.spheres, found.objects) == ((), ())
+
+
 def test_points_that_did_not_change_keep_their_attributes(cloud: Any) -> None:
     kept = Kept()
     first = extract(kept).scene.spheres[0].attributes["grade"]

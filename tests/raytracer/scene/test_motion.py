@@ -128,6 +128,16 @@ def test_spheres_go_with_their_object():
     np.testing.assert_array_equal(find_moment(scene, 0.0).spheres[0].centres, spheres.centres)
 
 
+def test_spheres_whose_object_grows_from_nothing_are_points_before():
+    steps = np.array([place(np.zeros((3, 3))), place(np.zeros((3, 3))), place(np.eye(3))])
+    motion = raytracer.Motion(spheres=raytracer.SpheresMotion(0, [[0.0, 0.0, 2.0]], [0.5], steps))
+    scene = raytracer.Scene(spheres=raytracer.Spheres([[0.0, 0.0, 2.0]], [0.5]), motion=motion)
+    assert find_moment(scene, 0.25).spheres[0].radii < 1e-300
+    assert find_moment(scene, 0.75).spheres[0].radii == pytest.approx(0.25)
+    hits = raytracer.build(find_moment(scene, 0.25)).closest_hit([(0.0, 0.0, -1.0)], [(0.0, 0.1, 1.0)])
+    assert hits.instance == -1
+
+
 def test_curves_go_with_their_object_and_change_their_shape():
     """Half of a quarter turn, of an object that grows to twice its size, while a tip rises by 1 and gets thinner."""
     points = np.array([[[1.0, 0.0, 0.0], [1.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [1.0, 0.0, 2.0]]])
