@@ -33,7 +33,7 @@ def extract_light(
     warnings: WarningList,
     properties: Mapping[str, Color] | None = None,
 ) -> Light | None:
-    """Return one light placed by a (4, 4) matrix, or None where it emits nothing.
+    """Return one light placed by a (4, 4) matrix, or None where it emits nothing, or its numbers are none.
 
     random, properties : the instance's number, and what its nodes read of it by name
     """
@@ -66,7 +66,11 @@ def extract_light(
     if not power.any():
         return None
     make = {"POINT": make_point, "SPOT": make_spot, "SUN": make_sun, "AREA": make_area}[light.type]
-    return make(light, world_from_light, power, settings.normalize, common, place)
+    try:
+        return make(light, world_from_light, power, settings.normalize, common, place)
+    except ValueError as error:  # NaN, or more than there is, as of a driver that divides by 0
+        place.warn(f"light left out: {str(error).partition(': ')[2]}")
+        return None
 
 
 def read_angle(angle: float) -> float:

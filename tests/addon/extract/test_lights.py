@@ -361,3 +361,14 @@ def test_camera_may_be_a_spot_light(add_light: Callable[..., Any], scene_with_ca
     camera = extract().scene.camera
     assert camera.focal_length == pytest.approx(16, rel=STORED)  # the cone's tangent is 1
     assert camera.clip_end == 1e5
+
+
+@pytest.mark.parametrize("kind", ["POINT", "SPOT", "SUN", "AREA"])
+@pytest.mark.parametrize("energy", [np.nan, np.inf])
+def test_a_light_of_no_number_is_left_out_and_named(add_light: Callable[..., Any], kind: str, energy: float) -> None:
+    add_light("POINT", energy=1)
+    add_light(kind, energy=energy)
+    extraction = extract()
+    assert len(extraction.scene.lights) == 1
+    (warning,) = extraction.warnings
+    assert warning.text.startswith("light left out: ")
