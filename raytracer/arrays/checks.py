@@ -57,10 +57,20 @@ def as_array(value: ArrayLike, dtype: type, shape: Sequence[int | str], field: s
         raise ValueError(f"{field}: expected an array {_describe(dtype, shape)}, got {odd}, which does not fit")
     if not _shape_matches(array.shape, shape):
         raise ValueError(f"{field}: expected shape {_describe(dtype, shape)}, got {array.shape}")
-    if array is value or array.base is not None:
+    if array is raw or array.base is not None:  # the caller's, or that of a table whose column it is
         array = array.view()
     array.flags.writeable = False
     return array
+
+
+def as_rows(vectors: ArrayLike, field: str) -> NDArray[Any]:
+    """Return (3,) or (n, 3) vectors as (n, 3) float64; an empty list stands for none. ValueError as `as_array`."""
+    try:
+        rows = np.asarray(vectors)
+    except ValueError:  # rows of different lengths, which `as_array` says in its own words
+        return as_array(vectors, np.float64, ("n", 3), field)
+    rows = np.zeros((0, 3)) if rows.shape == (0,) else np.atleast_2d(rows)
+    return as_array(rows, np.float64, ("n", 3), field)
 
 
 def _describe(dtype: type, shape: Sequence[int | str]) -> str:

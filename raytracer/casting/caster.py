@@ -36,9 +36,9 @@ from raytracer.casting.planes import LARGEST_SIZE
 from raytracer.casting.primitives import Primitives, make_primitives
 from raytracer.casting.query import Query
 from raytracer.casting.questions import Questions
-from raytracer.casting.rays import Hits, Rays, make_misses, make_rays
+from raytracer.casting.rays import Hits, Rays, check_after, make_misses, make_rays
 from raytracer.predicates.rounding import PRECISIONS
-from raytracer.scene.scene import Scene
+from raytracer.scene.scene import Scene, require_scene
 
 # Rays per batch: their state and the candidates they bring stay within a few tens of megabytes.
 BATCH_RAYS = 1 << 16
@@ -136,7 +136,8 @@ class Caster(Questions):
         >>> hits.barycentric[0].tolist(), bool(hits.distance_error[0] < 1e-14)
         ([0.25, 0.5], True)
         """
-        rays = replace(make_rays(origins, directions, t_min, t_max), after=after, departure=departure)
+        rays = make_rays(origins, directions, t_min, t_max)
+        rays = replace(rays, after=check_after(after, len(rays)), departure=departure)
         valid = rays.valid()
         hits = make_misses(valid, tied=order is not None)
         others = rays if self.curves is None else self.curves.leave_curves(rays)
@@ -321,7 +322,7 @@ def build(scene: Scene, precision: str = "certified", last: Caster | None = None
     Raises
     ------
     ValueError
-        If the precision is unknown.
+        If that is no Scene, or the precision is unknown.
 
     Examples
     --------
@@ -331,6 +332,7 @@ def build(scene: Scene, precision: str = "certified", last: Caster | None = None
     >>> caster.any_hit((0.25, 0.25, 1), (0, 0, -1)).tolist()
     [True]
     """
+    require_scene(scene, "build: scene")
     require_choice(precision, PRECISIONS, "build: precision")
     geometry = pack_geometry(scene)
     primitives = make_primitives(geometry, precision, choose_flattened(geometry))

@@ -19,7 +19,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from raytracer.arrays.checks import as_array
+from raytracer.arrays.checks import as_rows
 from raytracer.arrays.types import Booleans, Floats, Indices
 from raytracer.casting.crossings import CrossingQuery
 from raytracer.casting.geometry import Ids, Kind, split_id
@@ -133,7 +133,7 @@ def find_inside(caster: CrossingCaster, points: ArrayLike) -> Booleans:
 
 def as_points(points: ArrayLike) -> Floats:
     """Return (3,) or (n, 3) points as (n, 3); ValueError names `points`."""
-    return as_array(np.atleast_2d(np.asarray(points)), np.float64, ("n", 3), "points")
+    return as_rows(points, "points")
 
 
 def list_closed(scene: Scene) -> Booleans:

@@ -96,7 +96,7 @@ def find_all_hits(
     ValueError
         If `most` is no whole number of at least 1.
     """
-    if most is not None and (int(most) != most or most < 1):
+    if most is not None and (isinstance(most, bool) or not isinstance(most, int | np.integer) or most < 1):
         raise ValueError(f"most: expected a whole number of at least 1, or None, got {most!r}")
     count = len(make_rays(origins, directions, t_min, t_max))
     rays, layers, parts = [], [], []

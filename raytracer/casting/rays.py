@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raytracer.arrays.checks import as_array
+from raytracer.arrays.checks import as_array, as_rows
 from raytracer.arrays.rows import Mode, find_mode, take_rows
 from raytracer.arrays.types import Booleans, Floats, Integers, Numbers, Pairs, Vectors
 from raytracer.casting.order import Departure, join_departures
@@ -96,7 +96,7 @@ def make_rays(origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0,
     ValueError
         If shapes do not fit. NaN and infinity are not errors: such rays are flagged by `Rays.valid` and miss.
     """
-    origin_rows, direction_rows = _as_rows(origins, "origins"), _as_rows(directions, "directions")
+    origin_rows, direction_rows = as_rows(origins, "origins"), as_rows(directions, "directions")
     if len(origin_rows) != len(direction_rows) and len(origin_rows) == 1:
         origin_rows = np.repeat(origin_rows, len(direction_rows), axis=0)
     if len(origin_rows) != len(direction_rows) and len(direction_rows) == 1:
@@ -107,17 +107,20 @@ def make_rays(origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0,
     return Rays(origin_rows, direction_rows, _as_range(t_min, count, "t_min"), _as_range(t_max, count, "t_max"))
 
 
-def _as_rows(vectors: ArrayLike, field: str) -> Floats:
-    """Return (3,) or (n, 3) vectors as (n, 3)."""
-    return as_array(np.atleast_2d(np.asarray(vectors)), np.float64, ("n", 3), field)
-
-
 def _as_range(value: ArrayLike, count: int, field: str) -> Floats:
     """Return one number, or one per ray, as (n,)."""
     numbers = as_array(value, np.float64, ("n",) if np.ndim(value) else (), field)
     if numbers.shape not in ((), (1,), (count,)):
         raise ValueError(f"{field}: expected a number or an array ({count},), got shape {numbers.shape}")
     return np.ascontiguousarray(np.broadcast_to(numbers, (count,)))
+
+
+def check_after(after: Hits | None, count: int) -> Hits | None:
+    """Return what `count` rays have met before, or raise ValueError where that is of other rays."""
+    if after is not None and (not isinstance(after, Hits) or len(after) != count):
+        got = f"of {len(after)}" if isinstance(after, Hits) else type(after).__name__
+        raise ValueError(f"after: expected the Hits of these {count} rays, got {got}")
+    return after
 
 
 def join_rays(parts: Sequence[Rays]) -> Rays:

@@ -114,3 +114,9 @@ class Scene:
     def groups(self) -> tuple[Spheres | Curves, ...]:
         """The objects that are no instances, as they are numbered: groups of spheres, then of curves."""
         return (*self.spheres, *self.curves)
+
+
+def require_scene(value: Any, field: str) -> None:
+    """Raise ValueError unless `value` is a Scene."""
+    if not isinstance(value, Scene):
+        raise ValueError(f"{field}: expected a Scene, got {type(value).__name__}")

@@ -267,6 +267,11 @@ def test_unknown_precision_is_refused():
         raytracer.build(raytracer.Scene(), "double")
 
 
+def test_what_is_no_scene_is_refused():
+    with pytest.raises(ValueError, match="build: scene: expected a Scene, got Mesh"):
+        raytracer.build(raytracer.Mesh(np.zeros((0, 3)), np.zeros((0, 3), int)))
+
+
 def test_crossings_need_certified_precision():
     with pytest.raises(ValueError, match="crossings: precision: expected 'certified'"):
         raytracer.build(raytracer.Scene(), "float64").crossings([0, 0, 0], [0, 0, 1])

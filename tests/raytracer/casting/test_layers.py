@@ -99,6 +99,6 @@ def test_invalid_rays_and_bad_limits():
     caster = raytracer.build(mesh_scene(meshes.make_quad()))
     found = caster.all_hits([(0, 0, 1), (np.nan, 0, 1)], (0, 0, -1))
     assert found.count.tolist() == [1, 0]
-    for most in (0, 1.5):
+    for most in (0, 1.5, 2.0, np.inf, np.nan, True, [1]):
         with pytest.raises(ValueError, match="most: expected a whole number"):
             caster.all_hits((0, 0, 1), (0, 0, -1), most=most)

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from raytracer.casting.caster import build
 from raytracer.casting.rays import Hits, make_rays
+from raytracer.scene.scene import Scene
 
 NAN, INF = np.nan, np.inf
 
@@ -43,10 +45,25 @@ def test_make_rays_converts_to_float64_without_change(dtype):
     np.testing.assert_array_equal(make_rays(origins, origins).origins, [(1.0, 0.0, 1.0)], strict=True)
 
 
+class Column:
+    """What hands out its own array, as a column of a table (pandas) does."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __array__(self, dtype=None, copy=None):
+        return self.values
+
+
 def test_make_rays_leaves_the_callers_arrays_writeable():
-    origins = np.zeros((2, 3))
-    make_rays(origins, origins)
+    origins, distances = np.zeros((2, 3)), np.ones(2)
+    make_rays(origins, Column(origins), 0.0, Column(distances))
     assert origins.flags.writeable
+    assert distances.flags.writeable
+
+
+def test_make_rays_takes_an_empty_list_for_no_rays():
+    assert make_rays([], (0, 0, 1)).origins.shape == make_rays([], []).directions.shape == (0, 3)
 
 
 @pytest.mark.parametrize(
@@ -56,6 +73,7 @@ def test_make_rays_leaves_the_callers_arrays_writeable():
         (((0, 0, 0), np.ones((2, 2, 3))), r"directions: expected shape \(n, 3\) float64, got \(2, 2, 3\)"),
         ((np.zeros((2, 3)), np.ones((3, 3))), r"directions: expected as many rows as origins, 2, got 3"),
         ((np.zeros((0, 3)), np.ones((3, 3))), r"directions: expected as many rows as origins, 0, got 3"),
+        (([(0, 0, 0), (1, 2)], (0, 0, 1)), r"origins: expected an array \(n, 3\) float64, got list"),
         ((("a", "b", "c"), (0, 0, 1)), r"origins: expected an array \(n, 3\) float64, got <U1"),
         (((0, 0, 1j), (0, 0, 1)), r"origins: expected an array \(n, 3\) float64, got complex128"),
         ((np.zeros((3, 3)), (0, 0, 1), (1, 2)), r"t_min: expected a number or an array \(3,\), got shape \(2,\)"),
@@ -86,6 +104,14 @@ def test_make_rays_refuses_in_one_sentence(arguments, message):
 )
 def test_rays_are_valid_when_finite_with_a_direction(origin, direction, t_min, t_max, valid):
     assert make_rays(origin, direction, t_min, t_max).valid().tolist() == [valid]
+
+
+def test_hits_of_other_rays_are_none_to_go_on_behind():
+    caster = build(Scene())
+    hits = caster.closest_hit(np.zeros((3, 3)), (0, 0, 1))
+    for after, got in ((hits, "of 3"), (hits.select(slice(1)), "of 1"), ("hits", "str")):
+        with pytest.raises(ValueError, match=f"^after: expected the Hits of these 2 rays, got {got}$"):
+            caster.closest_hit(np.zeros((2, 3)), (0, 0, 1), after=after)
 
 
 def test_hits_tell_hits_from_misses_by_the_primitive():

@@ -264,6 +264,16 @@ def test_records_are_frozen_and_do_not_freeze_what_they_are_given():
     assert positions.flags.writeable
 
 
+def test_records_do_not_freeze_the_array_that_a_table_hands_out():
+    class Table:
+        def __array__(self, dtype=None, copy=None):
+            return positions
+
+    positions = POSITIONS.copy()
+    assert not make_quad(positions=Table()).positions.flags.writeable
+    assert positions.flags.writeable
+
+
 def test_float32_positions_keep_their_values_and_their_vertices():
     positions = np.float32([(0.1, 0, 0), (0.1, 0, 0), (np.nextafter(np.float32(0.1), np.float32(1)), 0, 0)])
     np.testing.assert_array_equal(Mesh(positions, [(0, 1, 2)]).positions, positions.astype(np.float64), strict=True)
