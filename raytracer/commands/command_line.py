@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import io
+import os
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -35,18 +37,33 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return the exit code, 0 only on success."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a name that its encoding lacks letters for is no error
+        sys.stdout.reconfigure(errors="backslashreplace")
     arguments = build_parser().parse_args(argv)
     try:
         arguments.run(arguments)
     except KeyboardInterrupt:
         return print_error("interrupted")
     except OSError as error:
-        return print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        place = error.filename or ("standard output" if is_output_lost() else None)
+        return print_error(f"{place}: {error.strerror}" if place else str(error))
     except MemoryError:
         return print_error("not enough memory")
     except (ValueError, WorkerError) as error:
         return print_error(str(error))
     return 0
+
+
+def is_output_lost() -> bool:
+    """Return whether standard output takes no more (a full disk, a pipe whose reader has gone); it leads nowhere then,
+    so that Python does not fail once more on what waits in its buffer when it ends."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        return True
+    return False
 
 
 def print_error(reason: str) -> int:

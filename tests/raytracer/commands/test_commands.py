@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import subprocess
 import sys
@@ -118,6 +119,29 @@ def test_errors_are_one_line_and_leave_files_alone(tmp_path, scene_file, capsys,
     assert reason in lines[0]
     assert [path.name for path in tmp_path.iterdir()] == [scene_file.name]
     assert scene_file.read_bytes() == before
+
+
+def test_a_name_beyond_the_encoding_of_the_console_is_printed_with_escapes(tmp_path: Path, scene_file: Path) -> None:
+    output = tmp_path / "\u7d75.npz"
+    command = [sys.executable, "-m", "raytracer", "render", scene_file, "-o", output, *SIZE, "--samples", "1"]
+    environment = os.environ | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.endswith("\\u7d75.npz\n")
+    assert raytracer.load_film(output).samples == 1
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_what_finds_no_room_on_standard_output_says_where(tmp_path: Path, scene_file: Path) -> None:
+    output = tmp_path / "film.npz"
+    command = [sys.executable, "-m", "raytracer", "render", scene_file, "-o", output, *SIZE, "--samples", "1"]
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    with open("/dev/full", "wb") as full:
+        done = subprocess.run(
+            command, cwd=ROOT, env=buffered, stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )  # fmt: skip
+    assert raytracer.load_film(output).samples == 1
+    assert (done.returncode, done.stderr) == (1, "error: standard output: No space left on device\n")
 
 
 def test_a_film_of_other_settings_is_refused_by_name(tmp_path: Path, scene_file: Path, capsys) -> None:
