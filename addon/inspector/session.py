@@ -56,9 +56,12 @@ def read_inspector(depsgraph: Any, space: Any = None) -> tuple[Inspector, Extrac
 
 
 def find_resolution(scene: Any) -> tuple[int, int]:
-    """Return width and height of the scene's full picture, pixels."""
-    share = scene.render.resolution_percentage / 100
-    return max(1, int(scene.render.resolution_x * share)), max(1, int(scene.render.resolution_y * share))
+    """Return width and height of the scene's full picture, pixels, cut off in whole numbers as Blender does."""
+    render = scene.render
+    width, height = (
+        max(1, side * render.resolution_percentage // 100) for side in (render.resolution_x, render.resolution_y)
+    )
+    return width, height
 
 
 def inspect_pixel(depsgraph: Any, x: int, y: int, resolution: tuple[int, int] | None = None) -> Inspected:

@@ -193,9 +193,9 @@ def make_result(held: Held, shown: Objects, rays: Rays, hits: Hits, shape: tuple
     """Return the results of rays, one row each, as arrays of `shape`."""
     hit = hits.hit
     t = np.where(hit, hits.distance, 0.0)
-    location: Floats = rays.origins + t[:, np.newaxis] * rays.directions
-    location[~hit] = 0.0
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # of rays that are infinite, and miss
+        location: Floats = rays.origins + t[:, np.newaxis] * rays.directions
+        location[~hit] = 0.0
         scale, size = measure_directions(rays)
         distance = np.where(hit, t * scale * size, np.inf)
         error = np.where(hit, (hits.distance_error * scale * size + LENGTH_ERROR * distance) * (1 + LENGTH_ERROR), 0.0)

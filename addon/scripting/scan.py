@@ -220,7 +220,7 @@ def scan_frames(
         raise ValueError(f"scene: expected a bpy.types.Scene, got {type(scene).__name__}")
     if frames is None:
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-    name, before = options.pop("name", "Scan"), scene.frame_current
+    name, before = options.pop("name", "Scan"), (scene.frame_current, scene.frame_subframe)
     layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
     try:
         for frame in frames:
@@ -228,4 +228,4 @@ def scan_frames(
             layer.update()
             yield frame, scan(layer.depsgraph, origin, name=f"{name}.{frame:04d}", **options)
     finally:
-        scene.frame_set(before)
+        scene.frame_set(before[0], subframe=before[1])

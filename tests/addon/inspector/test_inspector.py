@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import addon
+from addon.engine.output import measure_picture
 from addon.inspector import describe, drawing, picking, segments, session
 from addon.versions import find_node_tree
 from raytracer.integrator.traced_rays import CAMERA, REFLECTED
@@ -156,6 +157,12 @@ def describe_scene(scene: Any) -> dict[str, str]:
 def test_pixel_outside_of_the_picture_is_an_error(room: Any, x: int, y: int) -> None:
     with pytest.raises(RuntimeError, match="lies outside of the picture of 24 x 16"):
         bpy.ops.raytracer.inspect_pixel(x=x, y=y)
+
+
+def test_the_picture_has_the_pixels_that_blender_gives_it(room: Any) -> None:
+    render = room.render
+    render.resolution_x, render.resolution_y, render.resolution_percentage = 100, 200, 29
+    assert session.find_resolution(room) == measure_picture(render) == (29, 58)
 
 
 def test_scene_without_a_camera_is_an_error(room: Any) -> None:

@@ -294,8 +294,12 @@ def test_direction_of_any_length_is_as_good(empty_scene, length):
         ((0.1, 0.2, 5.0), (np.nan, 0, -1)),
         ((np.nan, 0.2, 5.0), DOWN),
         ((0.1, 0.2, np.inf), DOWN),
+        ((0.1, 0.2, 5.0), (np.inf, 0, -1)),
     ],
-    ids=["from behind", "on the surface", "no direction", "NaN direction", "NaN origin", "infinite origin"],
+    ids=[
+        *("from behind", "on the surface", "no direction", "NaN direction", "NaN origin", "infinite origin"),
+        "infinite direction",
+    ],
 )
 def test_unusual_rays_get_what_blender_says(empty_scene, origin, direction):
     link("Thing", make_quad())
