@@ -250,15 +250,19 @@ def is_portal(light: Any) -> bool:
     return bool(getattr(getattr(light, "cycles", None), "is_portal", False))
 
 
-def read_terminator(shown: Any) -> tuple[float, float]:
-    """Return an object's offsets of the shadow terminator, geometry's and shading's: of Cycles' own properties before
-    Blender 4.3."""
+def find_terminator(shown: Any) -> tuple[Any, tuple[str, str]]:
+    """Return what has an object's offsets of the shadow terminator, and the names of geometry's and shading's: Cycles'
+    own properties before Blender 4.3, which instances of generated objects have none of (None)."""
     names = ("shadow_terminator_geometry_offset", "shadow_terminator_shading_offset")
     if hasattr(shown, names[1]):
-        return (getattr(shown, names[0]), getattr(shown, names[1]))
-    # Instances of generated objects have none of Cycles' properties.
-    cycles = getattr(shown, "cycles", None)
-    return (getattr(cycles, names[0], 0.1), getattr(cycles, "shadow_terminator_offset", 0.0))
+        return shown, names
+    return getattr(shown, "cycles", None), (names[0], "shadow_terminator_offset")
+
+
+def read_terminator(shown: Any) -> tuple[float, float]:
+    """Return an object's offsets of the shadow terminator, geometry's and shading's."""
+    owner, names = find_terminator(shown)
+    return getattr(owner, names[0], 0.1), getattr(owner, names[1], 0.0)
 
 
 def read_caustics(shown: Any) -> tuple[bool, bool]:

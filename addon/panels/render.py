@@ -158,7 +158,7 @@ class RAYTRACER_RENDER_PT_checkpoints(RenderPanel, bpy.types.Panel):
 
 
 class RAYTRACER_RENDER_PT_simplify(RenderPanel, bpy.types.Panel):
-    """What Blender's own panel offers for meshes; that one would stand above all others."""
+    """What Blender's own panel offers for meshes and hair; that one would stand above all others."""
 
     bl_label = "Simplify"
     bl_options = {"DEFAULT_CLOSED"}
@@ -169,8 +169,13 @@ class RAYTRACER_RENDER_PT_simplify(RenderPanel, bpy.types.Panel):
     def draw(self, context: Any) -> None:
         column, render = split(self), context.scene.render
         column.active = render.use_simplify
-        column.prop(render, "simplify_subdivision", text="Max Subdivision Viewport")
-        column.prop(render, "simplify_subdivision_render", text="Render")
+        for name, label in (
+            ("simplify_subdivision", "Max Subdivision"),
+            ("simplify_child_particles", "Child Particles"),
+        ):
+            limits = column.column(align=True)
+            limits.prop(render, name, text=f"{label} Viewport")
+            limits.prop(render, f"{name}_render", text="Render")
 
 
 CLASSES = (

@@ -40,7 +40,9 @@ class RAYTRACER_LIGHT_PT_tracing(EnginePanel, bpy.types.Panel):
         column.prop(context.light, "use_shadow", text="Cast Shadow")
         if context.light.type == "AREA":
             column.prop(context.light, "spread")
-        if hasattr(context.light, "cycles"):  # the setting is Cycles', which can be disabled
+        if hasattr(context.light, "cycles"):  # the settings are Cycles', which can be disabled
+            if context.light.type == "AREA":
+                column.prop(context.light.cycles, "is_portal", text="Portal")
             column.prop(context.light.cycles, "max_bounces")
             column.prop(context.light.cycles, "is_caustics_light", text="Shadow Caustics")
 
@@ -149,6 +151,27 @@ class RAYTRACER_OBJECT_PT_caustics(EnginePanel, bpy.types.Panel):
         column.prop(context.object.cycles, "is_caustics_receiver", text="Receive Shadow Caustics")
 
 
+class RAYTRACER_OBJECT_PT_shadow_terminator(EnginePanel, bpy.types.Panel):
+    """How far the shadows of coarse smooth meshes are moved, where they would show the facets."""
+
+    bl_label = "Shadow Terminator"
+    bl_context = "object"
+    bl_parent_id = versions.SHADING_PANEL
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        thing = context.object
+        is_mesh = thing is not None and thing.type in MESH_TYPES
+        return is_mesh and versions.find_terminator(thing)[0] is not None and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        column = split(self).column(align=True)
+        owner, names = versions.find_terminator(context.object)
+        for name, label in zip(names, ("Geometry Offset", "Shading Offset"), strict=True):
+            column.prop(owner, name, text=label)
+
+
 class RAYTRACER_MATERIAL_PT_settings(EnginePanel, bpy.types.Panel):
     """What of a material is not in its nodes."""
 
@@ -165,8 +188,11 @@ class RAYTRACER_MATERIAL_PT_settings(EnginePanel, bpy.types.Panel):
         column = split(self)
         column.prop(context.material, "use_transparent_shadow", text="Transparent Shadows")
         column.prop(context.material, "pass_index")
-        if hasattr(context.material, "cycles"):  # which can be disabled
-            column.prop(context.material.cycles, "volume_interpolation", text="Volume Interpolation")
+        column.prop(context.material, "displacement_method", text="Displacement")
+        own = getattr(context.material, "cycles", None)  # which can be disabled
+        for name in ("use_bump_map_correction", "volume_interpolation"):
+            if hasattr(own, name):
+                column.prop(own, name)
 
 
 class RAYTRACER_WORLD_PT_preview(EnginePanel, bpy.types.Panel):
@@ -215,6 +241,41 @@ class RAYTRACER_WORLD_PT_volume(EnginePanel, bpy.types.Panel):
 
     def draw(self, context: Any) -> None:
         draw_nodes(self.layout, context.world, "Volume")
+
+
+class RAYTRACER_WORLD_PT_mist(EnginePanel, bpy.types.Panel):
+    """The distances of the pass Mist, where a view layer has it; EEVEE's panel would stand above Preview."""
+
+    bl_label = "Mist Pass"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        has_pass = any(layer.use_pass_mist for layer in context.scene.view_layers)
+        return context.world is not None and has_pass and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        column, mist = split(self), context.world.mist_settings
+        limits = column.column(align=True)
+        limits.prop(mist, "start")
+        limits.prop(mist, "depth")
+        column.prop(mist, "falloff")
+
+
+class RAYTRACER_WORLD_PT_occlusion(EnginePanel, bpy.types.Panel):
+    """How far the pass Ambient Occlusion, and its bake, look for what is around."""
+
+    bl_label = "Ambient Occlusion"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return context.world is not None and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        split(self).prop(context.world.light_settings, "distance")
 
 
 class RAYTRACER_WORLD_PT_ray_visibility(EnginePanel, bpy.types.Panel):
@@ -274,10 +335,13 @@ CLASSES = (
     RAYTRACER_OBJECT_PT_ray_visibility,
     RAYTRACER_OBJECT_PT_light_group,
     RAYTRACER_OBJECT_PT_caustics,
+    RAYTRACER_OBJECT_PT_shadow_terminator,
     RAYTRACER_MATERIAL_PT_settings,
     RAYTRACER_WORLD_PT_preview,
     RAYTRACER_WORLD_PT_surface,
     RAYTRACER_WORLD_PT_volume,
+    RAYTRACER_WORLD_PT_mist,
+    RAYTRACER_WORLD_PT_occlusion,
     RAYTRACER_WORLD_PT_ray_visibility,
     RAYTRACER_WORLD_PT_settings,
     RAYTRACER_WORLD_PT_light_group,

@@ -21,7 +21,8 @@ __all__ = ["registered"]  # a fixture
 
 def test_simplify_panel_draws_what_blender_follows(empty_scene: Any, registered: None) -> None:
     names = draw(render.RAYTRACER_RENDER_PT_simplify).names
-    assert names == ["use_simplify", "simplify_subdivision", "simplify_subdivision_render"]
+    limits = ("simplify_subdivision", "simplify_child_particles")
+    assert names == ["use_simplify", *(f"{limit}{end}" for limit in limits for end in ("", "_render"))]
 
 
 def test_every_setting_is_drawn_once_and_explained(empty_scene: Any, registered: None) -> None:
@@ -145,8 +146,9 @@ def test_light_groups_are_listed_and_given_to_objects_and_the_world(empty_scene:
 def test_light_panel_draws_every_kind_of_light(empty_scene: Any, registered: None, kind: str) -> None:
     light = bpy.data.lights.new("Light", kind)
     names = draw(scene_data.RAYTRACER_LIGHT_PT_tracing, light=light).names
-    expected = ["use_shadow", "spread"] if kind == "AREA" else ["use_shadow"]
-    assert names == [*expected, *(["max_bounces", "is_caustics_light"] if hasattr(light, "cycles") else [])]
+    expected, own = (["use_shadow", "spread"], ["is_portal"]) if kind == "AREA" else (["use_shadow"], [])
+    own += ["max_bounces", "is_caustics_light"]
+    assert names == [*expected, *(own if hasattr(light, "cycles") else [])]
 
 
 def test_caustics_panel_is_there_for_what_becomes_a_mesh(empty_scene: Any, registered: None) -> None:
@@ -204,7 +206,32 @@ def test_ray_visibility_and_material_panels_draw_what_is_read(empty_scene: Any, 
     material = bpy.data.materials.new("Material")
     assert scene_data.RAYTRACER_MATERIAL_PT_settings.poll(SimpleNamespace(material=material, engine=ENGINE))
     names = draw(scene_data.RAYTRACER_MATERIAL_PT_settings, material=material).names
-    assert names == ["use_transparent_shadow", "pass_index", "volume_interpolation"]
+    own = [name for name in ("use_bump_map_correction", "volume_interpolation") if hasattr(material.cycles, name)]
+    assert names == ["use_transparent_shadow", "pass_index", "displacement_method", *own]
+
+
+def test_shadow_terminator_panel_draws_what_is_read(empty_scene: Any, registered: None) -> None:
+    ball, lamp = (bpy.data.objects.new("Thing", data) for data in (bpy.data.meshes.new("M"), None))
+    panel = scene_data.RAYTRACER_OBJECT_PT_shadow_terminator
+    assert panel.poll(SimpleNamespace(object=ball, engine=ENGINE))
+    assert not panel.poll(SimpleNamespace(object=lamp, engine=ENGINE))
+    owner, names = versions.find_terminator(ball)
+    assert tuple(draw(panel, object=ball).names) == names
+    for name, value in zip(names, (0.5, 0.25), strict=True):
+        setattr(owner, name, value)
+    assert versions.read_terminator(ball) == (0.5, 0.25)
+
+
+def test_world_panels_set_the_distances_of_passes(empty_scene: Any, registered: None) -> None:
+    world, mist = bpy.data.worlds.new("World"), scene_data.RAYTRACER_WORLD_PT_mist
+    context = SimpleNamespace(scene=empty_scene, world=world, engine=ENGINE)
+    assert not mist.poll(context)
+    bpy.context.view_layer.use_pass_mist = True
+    assert mist.poll(context)
+    assert draw(mist, world=world).names == ["start", "depth", "falloff"]
+    assert draw(scene_data.RAYTRACER_WORLD_PT_occlusion, world=world).names == ["distance"]
+    world.mist_settings.start, world.mist_settings.depth, world.light_settings.distance = 2.0, 8.0, 0.5
+    assert properties.read_world_settings(world) == {"mist": (2.0, 8.0, 2.0), "occlusion_distance": 0.5}
 
 
 def test_shadow_catcher_is_shown_for_what_can_be_seen(empty_scene: Any, registered: None) -> None:
