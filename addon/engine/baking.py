@@ -11,7 +11,7 @@ intern/cycles/scene/bake.cpp and blender/session.cpp: which light the types and 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,7 @@ def bake_object(engine: Any, depsgraph: Any, thing: Any, kind: str, contribution
         if len(rows):
             made_of = list_passes(kind, contributions)
             extraction = extract_scene(depsgraph, made_of, needs_camera=False)
+            report_new(engine, map(str, extraction.warnings))
             instance = find_instance(extraction, thing)
             check_triangles(extraction, instance, thing)
             steps = read_pass(passes["BakeDifferential"], size)[rows].reshape(-1, 2, 2)
@@ -86,6 +87,14 @@ def bake_object(engine: Any, depsgraph: Any, thing: Any, kind: str, contribution
         target.rect.foreach_set(pixels.ravel())
     finally:
         engine.end_result(result)
+
+
+def report_new(engine: Any, warnings: Iterable[str]) -> None:
+    """Tell the user what a bake does not honour: once, however many textures and objects it has."""
+    for warning in dict.fromkeys(warnings):
+        if warning not in engine.baked_warnings:
+            engine.baked_warnings |= {warning}
+            engine.report({"WARNING"}, warning)
 
 
 def read_pass(stored: Any, size: tuple[int, int]) -> NDArray[np.float32]:

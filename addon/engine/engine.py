@@ -56,6 +56,7 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
 
     layers_done = 0
     baked_images = 0
+    baked_warnings: frozenset[str] = frozenset()  # of a bake, that the user has been told
     viewport: Viewport | None = None  # what a viewport shows, while this object serves one
     failed = False  # an error in one view layer ends the frame, with one message instead of one for each layer
 

@@ -171,6 +171,23 @@ def test_workers_and_one_process_bake_the_same(plane: Any, monkeypatch: pytest.M
     np.testing.assert_array_equal(bake("COMBINED"), alone)
 
 
+def test_what_a_bake_does_not_honour_is_said_once(plane: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    """Halves of two materials bake into two textures."""
+    green = make_emission("Green", GREEN)
+    add_texture(green, "Other")
+    plane.data.materials.append(green)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.subdivide()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    plane.data.polygons[0].material_index = 1
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "AREA"))
+    lamp.scale = (0, 0, 0)
+    bpy.context.scene.collection.objects.link(lamp)
+    capfd.readouterr()
+    bake("EMIT")
+    assert capfd.readouterr().out.count("an area light without area is left out") == 1
+
+
 def test_what_cannot_be_baked_is_said(plane: Any) -> None:
     with pytest.raises(RuntimeError, match="baking Roughness is not supported: expected Combined, Ambient Occlusion"):
         bpy.ops.object.bake(type="ROUGHNESS", margin=0)
