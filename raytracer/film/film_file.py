@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.files.archive import Archive, open_archive, take_table, write_archive
+from raytracer.files.unfinished import NAME
 from raytracer.film.counts import MOST_RUNS
 from raytracer.film.film import Film, Statistics
 from raytracer.film.missed import is_table
@@ -96,16 +97,21 @@ def load_film(path: str | Path) -> Film:
 
 
 def load_films(paths: Iterable[str | Path]) -> list[Film]:
-    """Read films; a folder stands for all the films in it, beside which scenes may lie.
+    """Read films; a folder stands for all the films in it, beside which scenes may lie, and what a killed process has
+    left unfinished.
 
     Raises
     ------
     ValueError, OSError
         As `load_film` does.
     """
+    places = [Path(path) for path in paths]
     files: list[Path] = []
-    for path in map(Path, paths):
-        files += [file for file in sorted(path.glob("*.npz")) if not is_scene_file(file)] if path.is_dir() else [path]
+    for path in places:
+        inside = [file for file in sorted(path.glob("*.npz")) if not (NAME.fullmatch(file.name) or is_scene_file(file))]
+        files += inside if path.is_dir() else [path]
+    if not files:
+        raise ValueError(f"{', '.join(map(str, places))}: expected one or more films, found none")
     return [load_film(file) for file in files]
 
 

@@ -16,6 +16,7 @@ import pytest
 import raytracer
 from raytracer.commands import render as render_command
 from raytracer.commands.command_line import main
+from raytracer.files.unfinished import PREFIX
 from raytracer.film.error import format_error, format_interval
 from tests.folders import ROOT
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
@@ -80,6 +81,21 @@ def test_tiles_are_merged_into_a_picture_of_all_passes(tmp_path: Path, scene_fil
     capsys.readouterr()
     assert main(["merge", *map(str, tiles[1:]), "-o", str(whole)]) == 1
     assert "a part is missing" in capsys.readouterr().err
+
+
+def test_a_folder_of_tiles_is_merged_whatever_else_lies_there(tmp_path: Path, scene_file: Path, capsys) -> None:
+    """The scene does, and a tile that was killed while it was written, where the file system has no locks."""
+    for number in ("1", "2"):
+        tile = tmp_path / f"tile_{number}.npz"
+        assert main(["render", str(scene_file), "-o", str(tile), *SIZE, "--samples", "1", "--tile", f"{number}/2"]) == 0
+    (tmp_path / f"{PREFIX}0123456789ab.npz").write_bytes(b"PK")
+    picture = tmp_path / "picture.exr"
+    assert main(["merge", str(tmp_path), "-o", str(picture)]) == 0
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    capsys.readouterr()
+    assert main(["merge", str(empty), "-o", str(picture)]) == 1
+    assert capsys.readouterr().err == f"error: {empty}: expected one or more films, found none\n"
 
 
 def test_a_scene_file_says_how_it_is_rendered(tmp_path: Path, capsys) -> None:
