@@ -74,8 +74,16 @@ def save(scene: Scene, path: str | Path, settings: Mapping[str, Any] | None = No
 
     if not isinstance(scene, Scene):
         raise ValueError(f"save: expected a Scene, got {type(scene).__name__}")
-    text = json.dumps({"format": FILE_FORMAT, "settings": dict(settings or {}), "scene": outline(scene)})
+    content = {"format": FILE_FORMAT, "settings": dict(settings or {}), "scene": outline(scene)}
+    text = json.dumps(content, default=_make_plain)
     write_archive(path, {"outline": np.array(text), **arrays}, zipfile.ZIP_DEFLATED)
+
+
+def _make_plain(value: Any) -> Any:
+    """Return a setting that is NumPy's as JSON knows it."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise ValueError(f"save: settings: expected numbers, texts or sequences of them, got {type(value).__name__}")
 
 
 def load(path: str | Path) -> Scene:

@@ -25,7 +25,7 @@ from raytracer import (
 from raytracer.arrays.checks import as_array
 from raytracer.scene.lights import AreaLight, PointLight, SpotLight, SunLight
 from raytracer.scene.materials import CLOSURE_KINDS
-from raytracer.scene.scene_file import FILE_FORMAT
+from raytracer.scene.scene_file import FILE_FORMAT, load_settings
 from tests import meshes
 
 POSITIONS, TRIANGLES = meshes.make_quad()
@@ -336,6 +336,16 @@ def test_numpy_scalars_are_saved_as_plain_ones(tmp_path):
     raytracer.save(Scene(spheres=group, materials=[Material(pass_index=np.int64(4))]), tmp_path / "scene.npz")
     scene = raytracer.load(tmp_path / "scene.npz")
     assert (scene.spheres[0].pass_index, scene.spheres[0].holdout, scene.materials[0].pass_index) == (3, True, 4)
+
+
+def test_settings_of_numpy_are_saved_as_plain_ones(tmp_path):
+    path = tmp_path / "scene.npz"
+    raytracer.save(
+        Scene(), path, {"width": np.int64(8), "border": np.array([0, 0, 4, 2]), "transparent": np.bool_(True)}
+    )
+    assert load_settings(path) == {"width": 8, "border": (0, 0, 4, 2), "transparent": True}
+    with pytest.raises(ValueError, match="save: settings: expected numbers, texts or sequences of them, got object"):
+        raytracer.save(Scene(), path, {"seed": object()})
 
 
 def test_an_array_shared_by_records_is_written_once(tmp_path):
