@@ -127,6 +127,7 @@ USER_ERRORS: tuple[tuple[Any, str], ...] = (
     (("{blend}", "-o", "{out}.jpg"), ".jpg: expected a name that ends in .png or .exr"),
     (("{blend}", "-o", "{out}/no/a.png"), "no such folder"),
     (("{blend}", "-o", "/proc/a.png"), "/proc/a.png: "),
+    (("{blend}", "-o", "{out}.png", "--part", "{out}/no/a.npz", "--size", "8x8", "--samples", "1"), "no such folder"),
     (("{blend}", "-o", "{out}.png", "--passes", "Depth"), "passes need an .exr file"),
     (("{blend}", "-o", "{out}.exr", "--passes", "Depht"), "unknown pass 'Depht': expected some of Combined, Depth,"),
 )
