@@ -213,6 +213,8 @@ def make_film(
         return trace(engine, scene, depsgraph, border, progress, kept, order.render)
     except ValueError as error:  # a film's file that is broken, or of another picture
         raise SceneError(str(error)) from error
+    except OSError as error:  # a full disk
+        raise SceneError(f"{error.filename}: {error.strerror}" if error.filename else str(error)) from error
 
 
 def make_checked_film(

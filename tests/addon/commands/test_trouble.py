@@ -65,6 +65,15 @@ def test_a_full_disk_keeps_the_old_picture_and_names_it(blend: Path, tmp_path: P
         assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.skipif(os.name == "nt", reason="needs limits of resources, which Windows lacks")
+@pytest.mark.parametrize("command", ["render", "export"])
+def test_a_full_disk_is_said_of_films_and_scenes_too(blend: Path, tmp_path: Path, command: str) -> None:
+    out = tmp_path / "a.npz"
+    options = (command, blend, "-o", out, "--size", "16x16", "--samples", 1)
+    assert_refused(run_python("-c", ON_A_SMALL_DISK, 1000, *options), f"Reference Ray Tracer: {out}: File too large")
+    assert not list(tmp_path.iterdir())
+
+
 SAVE_MAP = """
 import resource, sys
 import numpy as np
