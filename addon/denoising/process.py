@@ -146,11 +146,14 @@ def denoise(pixels: Pixels, guides: dict[str, Pixels], is_cancelled: Callable[[]
     assert pictures.keys() <= set(INPUTS)
     with _Session.lock:
         _stop_timer()
-        if _Session.process is None or not _Session.process.is_running:
-            _close()
-            _Session.process = Process()
         try:
+            if _Session.process is None or not _Session.process.is_running:
+                _close()
+                _Session.process = Process()
             color = _Session.process.denoise(pictures, is_cancelled)
+        except OSError as error:  # no room for the picture among the temporary files, say
+            _close()
+            raise DenoiseError(f"{error.filename}: {error.strerror}" if error.filename else str(error)) from error
         except BaseException:
             _close()  # nobody knows what it is at
             raise

@@ -5,6 +5,7 @@ A flat field under noise of a known size is the oracle: its mean has to stay, it
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 import threading
@@ -184,6 +185,23 @@ def test_render_warns_where_it_cannot_denoise(
     taken = last_render(noisy_scene)
     assert taken is not None
     reason = f"Denoise: {process.NO_DENOISER}; the picture is as it was traced"
+    assert (taken.denoised, taken.warnings) == (False, (Warning(reason),))
+
+
+def test_a_render_stays_as_it_was_traced_where_temporary_files_have_no_room(
+    noisy_scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(prefix: str) -> Any:
+        raise OSError(errno.ENOSPC, "No space left on device", "/tmp/x")
+
+    noisy_scene.reference_raytracer.use_denoising = True
+    monkeypatch.setattr(process, "has_denoiser", lambda: True)
+    monkeypatch.setattr(process, "OwnedFolder", fail)
+    process.close()
+    render_noise(noisy_scene, tmp_path / "a.exr")
+    taken = last_render(noisy_scene)
+    assert taken is not None
+    reason = "Denoise: /tmp/x: No space left on device; the picture is as it was traced"
     assert (taken.denoised, taken.warnings) == (False, (Warning(reason),))
 
 
