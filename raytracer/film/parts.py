@@ -73,7 +73,7 @@ def merge(films: Sequence[Film]) -> Film:
     >>> whole.width, whole.height, whole.samples
     (4, 6, 2)
     """
-    films = list(films)
+    films = [films] if isinstance(films, Film) else list(films)
     if not films:
         raise ValueError("merge: expected one or more films, got none")
     for number, film in enumerate(films, 1):

@@ -32,7 +32,7 @@ from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
 from raytracer.sampling.dimensions import FILTER_DIMENSION, FILTER_PAIR, LENS_DIMENSION, LENS_PAIR
 from raytracer.sampling.sobol import REPLICATIONS, SobolSamples, split_numbers
 from raytracer.scene.camera import Camera
-from raytracer.scene.scene import Scene
+from raytracer.scene.scene import Scene, require_scene
 from raytracer.shading.evaluate import check_programs
 
 # Any ray: what a caster builds when it is first asked, it builds for this one.
@@ -137,6 +137,7 @@ class BlockResult:
 
 def make_window(scene: Scene, width: int, height: int, settings: Settings) -> FrameWindow:
     """Return the FrameWindow of `scene`, or raise ValueError if there is no camera or the border does not fit."""
+    require_scene(scene, "render: scene")
     width = check_integer(width, 1, None, "render: width")
     height = check_integer(height, 1, None, "render: height")
     if width * height > WORD_LIMIT:

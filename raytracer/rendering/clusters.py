@@ -19,7 +19,7 @@ from raytracer.casting.caster import Caster, build
 from raytracer.casting.rays import Hits
 from raytracer.film.film import Film
 from raytracer.film.parts import merge
-from raytracer.integrator.settings import Settings
+from raytracer.integrator.settings import Settings, check_integer
 from raytracer.processes.dask_pool import take_result
 from raytracer.rendering.render import prepare_film, render
 from raytracer.scene.scene import Scene
@@ -56,6 +56,8 @@ def render_on(
     ValueError
         If a setting does not fit.
     """
+    if tiles is not None:
+        check_integer(tiles, 1, None, "render_on: tiles")
     chosen = Settings(samples=samples, **settings)
     whole = load(scene) if isinstance(scene, str | Path) else scene
     empty, window = prepare_film(whole, width, height, chosen)

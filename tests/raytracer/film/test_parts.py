@@ -134,6 +134,12 @@ def test_a_film_that_comes_from_no_render_is_no_part(tiles: list[Film]) -> None:
         raytracer.merge([tiles[0], Film(2, 2, ("Combined",))])
 
 
+def test_what_is_no_film_is_refused_and_one_film_may_be_alone(whole: Film, tiles: list[Film]) -> None:
+    with pytest.raises(ValueError, match="merge: film 2: expected a Film, such as load_film returns, got 'tile_2.npz'"):
+        raytracer.merge([tiles[0], "tile_2.npz"])
+    assert same(raytracer.merge(whole), whole)
+
+
 @pytest.fixture(scope="module")
 def ended() -> list[Film]:
     """Tiles that ended at the error that was asked for, the dark ones early, and one that its samples ended."""

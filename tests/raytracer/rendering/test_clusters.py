@@ -81,6 +81,12 @@ def test_with_one_of_two_workers_killed_the_bits_are_the_same(client: Any, way: 
     assert process_ids[0] not in client.run(os.getpid).values()
 
 
+def test_a_number_of_tiles_that_makes_no_sense_is_refused() -> None:
+    for tiles in (0, -3, 2.5):
+        with pytest.raises(ValueError, match="render_on: tiles: expected a whole number"):
+            raytracer.render_on(None, make_lit_scene(), 40, 30, tiles=tiles)
+
+
 def test_a_failure_on_the_cluster_is_one_sentence(client: Any, tmp_path: Path) -> None:
     pool = raytracer.DaskPool(client)
     pool.load(len)

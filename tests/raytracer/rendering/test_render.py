@@ -231,6 +231,13 @@ def test_sizes_that_do_not_fit_are_named(width, height, fields, message):
         render(SCENE, width, height, **fields)
 
 
+def test_what_is_no_scene_and_what_is_no_film_are_refused():
+    with pytest.raises(ValueError, match=r"^render: scene: expected a Scene, got str$"):
+        render("scene.npz", 4, 4)
+    with pytest.raises(ValueError, match=r"^render: film: expected a Film, as load_film returns, got str$"):
+        render(SCENE, 4, 4, film="film.npz")
+
+
 def test_unknown_setting_is_refused():
     with pytest.raises(TypeError, match="sample_count"):
         render(SCENE, 4, 4, sample_count=3)
