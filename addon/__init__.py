@@ -13,24 +13,15 @@ if TYPE_CHECKING:
     from .scripting.scan import scan, scan_frames
 
 __all__ = [
-    *(
-        "closest_point",
-        "inside",
-        "ray_cast",
-        "ray_cast_layers",
-        "register",
-        "scan",
-        "scan_frames",
-        "unregister",
-        "visible",
-    ),
     "closest_point",
     "inside",
-    "visible",
     "ray_cast",
     "ray_cast_layers",
+    "register",
     "scan",
     "scan_frames",
+    "unregister",
+    "visible",
 ]
 # What scripts call, and the module of `scripting` that each is in.
 FUNCTIONS = {

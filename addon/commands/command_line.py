@@ -64,11 +64,22 @@ def build_parser(program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS))
     return parser
 
 
+def join_frames(argv: Sequence[str]) -> list[str]:
+    """Return arguments in which --frames and the frames are one: argparse takes -5--1 for an option."""
+    joined: list[str] = []
+    for text in argv:
+        if joined and joined[-1] == "--frames":
+            joined[-1] = f"--frames={text}"
+        else:
+            joined.append(text)
+    return joined
+
+
 def main(argv: Sequence[str] | None = None, program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS)) -> int:
     """Run one command of `names`; return the exit code, 0 only on success."""
     try:
         with interrupts.listen(), interrupts.tidying(remove_blender_files):
-            arguments = build_parser(program, names).parse_args(argv)
+            arguments = build_parser(program, names).parse_args(join_frames(sys.argv[1:] if argv is None else argv))
             silence_blender()
             interrupts.tell_through(sys.stderr.fileno())
             arguments.run(arguments)

@@ -12,7 +12,7 @@ from typing import Any
 
 from .arguments import parse_positive, parse_share, parse_size
 from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
-from .render import make_bar
+from .render import finite, make_bar
 
 DEFAULT_SIZE = (192, 108)
 DEFAULT_SAMPLES = {"cycles": 64, "ray_cast": 4096}
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> None:
         with hide_python_output():
             numbers = run_ray_cast(bpy, arguments)
     if arguments.json:
-        print(json.dumps(numbers), flush=True)
+        print(json.dumps(list_finite(numbers), allow_nan=False), flush=True)
     else:
         print_numbers(numbers)
     if arguments.require and numbers["verdict"] in CODES:
@@ -163,6 +163,11 @@ def run_ray_cast(bpy: Any, arguments: argparse.Namespace) -> dict[str, Any]:
     (width, height), samples = arguments.size, arguments.samples or DEFAULT_SAMPLES["ray_cast"]
     comparison, _ = compare_with_ray_cast(bpy.context.scene, depsgraph, width, height, samples)
     return comparison.summarise()
+
+
+def list_finite(numbers: dict[str, Any]) -> dict[str, Any]:
+    """Return numbers as JSON knows them: null for what is infinite, as a share of black is, or no number."""
+    return {name: finite(value) if isinstance(value, float) else value for name, value in numbers.items()}
 
 
 def print_numbers(numbers: dict[str, Any]) -> None:

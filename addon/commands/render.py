@@ -129,6 +129,9 @@ def check_limits(scene: Any, arguments: argparse.Namespace) -> None:
     properties = {name: settings[name] for name in names} | {"bounces": settings[BOUNCES[0]]}
     for name, limits in properties.items():
         check_limit(f"--{name.replace('_', '-')}", getattr(arguments, name), limits)
+    smallest = round(settings["noise_threshold"].hard_min, 6)  # the property is a float32
+    if arguments.error and 100.0 * arguments.error < smallest:
+        raise CommandError(f"--error: expected {smallest:g}% or more, got {100.0 * arguments.error:g}%")
     frames = scene.bl_rna.properties["frame_current"]
     check_limit("--frame", arguments.frame, frames)
     for frame in (arguments.frames.start, arguments.frames.stop - 1) if arguments.frames else ():

@@ -48,7 +48,8 @@ function addFrames(job, settings) {
 
 function addTiles(job, settings) {
     const frame = frameChunker(settings.frames, 1)[0];
-    const picture = settings.output.replace(/#+/, (run) => frame.padStart(run.length, "0"));
+    // The last run of # in the file's name, as `addon render --frames` has it; those of folders stay.
+    const picture = settings.output.replace(/#+(?=[^#\\/]*$)/, (run) => frame.padStart(run.length, "0"));
     const scene = `${picture}.scene.npz`;
     const written = makeTask("export", "blender", settings, [
         "addon", "export", settings.blendfile, "-o", scene, "--frame", frame,

@@ -17,7 +17,7 @@ import pytest
 
 from addon.commands import render
 from addon.commands.arguments import parse_frames, parse_size
-from addon.commands.command_line import build_parser
+from addon.commands.command_line import build_parser, join_frames
 from addon.commands.render import JSON_KEYS, number_path
 from addon.versions import blender_pass_name
 from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, read_image, save_plane
@@ -185,6 +185,11 @@ def test_frames_and_sizes_are_parsed() -> None:
     for parse, text in ((parse_frames, "5-3"), (parse_frames, "5"), (parse_size, "3x8"), (parse_size, "640*360")):
         with pytest.raises(argparse.ArgumentTypeError):
             parse(text)
+
+
+def test_frames_below_zero_are_no_option() -> None:
+    arguments = ["render", "a.blend", "--frames", "-5--3", "-o", "a.png"]
+    assert build_parser().parse_args(join_frames(arguments)).frames == range(-5, -2)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from addon.commands.compare import list_finite
 from tests.folders import ROOT
 
 SCENE = ROOT / "blend_scenes" / "hard_shadows.blend"
@@ -112,6 +113,11 @@ def test_comparison_with_ray_cast_prints_json():
     assert list(numbers) == RAY_CAST_KEYS
     assert numbers["rays"] == 24 * 16 + 3 * 50
     assert (numbers["ours_wrong"], numbers["verdict"]) == (0, "agrees")
+
+
+def test_what_is_infinite_or_no_number_is_null_in_json():
+    numbers = {"tile_bias": float("inf"), "rmse": float("nan"), "flip": 0.25, "passes": {"Depth": 0.0}, "to": 1}
+    assert list_finite(numbers) == {**numbers, "tile_bias": None, "rmse": None}
 
 
 def test_comparison_prints_one_number_a_line():

@@ -174,6 +174,7 @@ def test_view_layers_that_are_all_off_are_named_and_the_old_picture_stays(tmp_pa
         ("--samples", "9" * 30, "--samples: expected a number from 1 to 2147483647"),
         ("--bounces", "1025", "--bounces: expected a number from 0 to 1024, got 1025"),
         ("--workers", "1025", "--workers: expected a number from 0 to 1024, got 1025"),
+        ("--error", "0.0009%", "--error: expected 0.001% or more, got 0.0009%"),
         ("--frame", "1048575", "--frame: expected a number from -1048574 to 1048574, got 1048575"),
         ("--frames", "5-9999999999", "--frames: expected a number from -1048574 to 1048574, got 9999999999"),
     ],

@@ -10,13 +10,14 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
 import pytest
 
 from addon.commands.command_line import build_parser as build_addon_parser
+from addon.commands.render import number_path
 from raytracer.commands.command_line import build_parser as build_raytracer_parser
 from tests.addon.commands.test_command_line import run_command
 from tests.addon.engine.engine_fixtures import read_image
@@ -131,6 +132,15 @@ def test_flamenco_renders_tiles_after_the_scene_is_written_and_merges_them_in_th
         ("merge", ["tile-1", "tile-2", "tile-3"]),
     ]
     assert tasks[-1]["commands"][0]["parameters"]["args"][-1] == "/out/0007.png"
+
+
+@needs_node
+@pytest.mark.parametrize("output", ["/shot #2/a_##.png", "C:\\shot #2\\#a_##.png", "##_a_##_b.png"])
+def test_flamenco_numbers_the_picture_as_the_command_does(output: str) -> None:
+    compiled = compile_job(frames="7", tiles=1, size="64x36", output=output, blendfile="/in/a.blend")
+    folder, name = output[: len(output) - len(PureWindowsPath(output).name)], PureWindowsPath(output).name
+    picture = compiled["tasks"][-1]["commands"][0]["parameters"]["args"][-1]
+    assert picture == folder + number_path(Path(name), 7).name
 
 
 @needs_node
