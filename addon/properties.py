@@ -56,14 +56,14 @@ INTEGRATORS = (
 # What can be baked; the rest of what Blender's operator knows, this engine does not make.
 BAKE_TYPES = (
     ("COMBINED", "Combined", "All light that leaves the surface"),
-    ("AO", "Ambient Occlusion", "How much of what is around is open, up to the world's distance"),
+    ("AO", "Ambient Occlusion", "How open the surroundings are, up to the distance set in the World tab"),
     ("NORMAL", "Normal", "The shading normal, with bump"),
     ("POSITION", "Position", "Where the surface is, in meters"),
     ("UV", "UV", "Texture coordinates"),
-    ("EMIT", "Emit", "Light that the surface itself emits"),
-    ("DIFFUSE", "Diffuse", "Light that is reflected diffusely, or its color"),
-    ("GLOSSY", "Glossy", "Light that is reflected by mirrors and glossy surfaces, or its color"),
-    ("TRANSMISSION", "Transmission", "Light that comes through, or its color"),
+    ("EMIT", "Emit", "Light emitted by the surface itself"),
+    ("DIFFUSE", "Diffuse", "Diffusely reflected light, or its color"),
+    ("GLOSSY", "Glossy", "Light reflected by mirrors and glossy surfaces, or its color"),
+    ("TRANSMISSION", "Transmission", "Transmitted light, or its color"),
 )
 
 
@@ -78,7 +78,7 @@ def _light_limit(name: str, which: str, default: float) -> Any:
     """A limit of one sample's light; the defaults are Cycles'."""
     return FloatProperty(
         name=name,
-        description=f"Most {which} light that a single sample may add, to reduce noise; "
+        description=f"Most {which} light that a single sample may contribute, to reduce noise; "
         "0 disables clamping and keeps the image exact",
         default=default,
         min=0.0,
@@ -100,13 +100,13 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
 
     use_noise_threshold: BoolProperty(  # type: ignore[valid-type]
         name="Noise Threshold",
-        description="End the render as soon as its error is as small as asked for",
+        description="Stop rendering as soon as the error of the image is below this threshold",
         default=False,
     )
     noise_threshold: FloatProperty(  # type: ignore[valid-type]
         name="Noise Threshold",
-        description="Root mean square error of the picture at which it is done, per cent of its mean level: "
-        "a share that is told from the samples themselves",
+        description="Root mean square error at which the image is finished, as a share of its mean brightness. "
+        "The error is estimated from the samples themselves",
         subtype="PERCENTAGE",
         default=1.0,
         min=0.001,
@@ -117,21 +117,21 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
     )
     use_adaptive_sampling: BoolProperty(  # type: ignore[valid-type]
         name="Adaptive Sampling",
-        description="Give more samples to noisy pixels, at the cost of as many even ones; the picture stays right on "
-        "average. Fewer than 32 samples of a pixel, or 260,000 in all, stay even",
+        description="Spend more samples on noisy pixels and fewer on the others, at the same total cost; the image "
+        "stays unbiased. Below 32 samples per pixel, or 260,000 in total, all pixels get the same number",
         default=False,
     )
     samples: IntProperty(  # type: ignore[valid-type]
         name="Samples",
-        description="Light paths per pixel, at most where there is a noise threshold or a time limit; "
-        "noise falls at least with the square root of their number",
+        description="Number of light paths per pixel, or their maximum with a noise threshold or a time limit; "
+        "noise falls at least with the square root of it",
         default=64,
         min=1,
         soft_max=4096,
     )
     min_samples: IntProperty(  # type: ignore[valid-type]
         name="Min Samples",
-        description="Number of light paths per pixel before which the noise threshold does not end the render; "
+        description="Minimum number of light paths per pixel before the noise threshold may stop the render; "
         "0 chooses automatically",
         default=0,
         min=0,
@@ -139,8 +139,8 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
     )
     time_limit: FloatProperty(  # type: ignore[valid-type]
         name="Time Limit",
-        description="Most time that a view layer may take, excluding reading the scene; the render ends after the "
-        "last sample that fits in. 0 sets no limit",
+        description="Most time that a view layer may take, not counting the time to read the scene; rendering stops "
+        "after the last sample that fits in. 0 sets no limit",
         unit="TIME_ABSOLUTE",
         default=0.0,
         min=0.0,
@@ -149,20 +149,20 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
     )
     viewport_samples: IntProperty(  # type: ignore[valid-type]
         name="Viewport Samples",
-        description="Light paths per pixel in the viewport; refinement stops at this number",
+        description="Number of light paths per pixel in the viewport; refinement stops there",
         default=32,
         min=1,
         soft_max=1024,
     )
     use_denoising: BoolProperty(  # type: ignore[valid-type]
         name="Denoise",
-        description="Take the noise out of the finished render by OpenImageDenoise: a picture to look at, no "
-        "reference. Noisy detail is guessed; Error and the other passes stay those of the samples",
+        description="Remove noise from the finished render with OpenImageDenoise. The result is good to look at but "
+        "no reference: noisy detail is guessed. Error and all other passes stay as rendered",
         default=False,
     )
     use_viewport_denoising: BoolProperty(  # type: ignore[valid-type]
         name="Viewport Denoise",
-        description="Take the noise out of the viewport's picture by OpenImageDenoise, once it has all its samples",
+        description="Remove noise from the viewport with OpenImageDenoise, once it has all its samples",
         default=False,
     )
     integrator: EnumProperty(  # type: ignore[valid-type]
@@ -222,7 +222,7 @@ class ReferenceRaytracerSettings(bpy.types.PropertyGroup):
     )
     exposure: FloatProperty(  # type: ignore[valid-type]
         name="Exposure",
-        description="Brightness of the image: the number that all of its light is multiplied by",
+        description="Brightness of the image: a number that all light is multiplied by",
         default=1.0,
         min=0.0,
         max=10.0,

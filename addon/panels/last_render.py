@@ -54,7 +54,7 @@ def describe_statistics(statistics: Statistics) -> Iterator[tuple[str, str]]:
     yield "Samples", f"{statistics.samples}{' (stopped)' if statistics.cancelled else ENDINGS[statistics.ended_by]}"
     yield from describe_error(statistics)
     if statistics.denoised:
-        yield "Denoised", "by OpenImageDenoise; the error is from before"
+        yield "Denoised", "by OpenImageDenoise, after the error was measured"
     yield "Triangles", f"{statistics.triangles:,}"
     yield "Rays", f"{statistics.rays:,}"
     yield "Speed", f"{statistics.rays_per_second / 1e6:.2f} million rays/s"

@@ -44,8 +44,8 @@ def rays_property() -> Any:
     """The rays of a comparison with Scene.ray_cast."""
     return IntProperty(
         name="Extra Rays",
-        description="Number of rays besides the camera's: so many in random directions, so many at vertices, "
-        "and so many at edges, where ray casters fail first",
+        description="Number of rays in random directions besides the camera's, and as many again aimed at vertices "
+        "and at edges each, where ray casters fail first",
         default=4096,
         min=1,
         soft_max=65536,
