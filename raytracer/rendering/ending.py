@@ -51,8 +51,9 @@ class Ending:
         Where an error has ended it, or would have, more samples would make it another picture than one in one go.
         """
         error = self._settings.error
-        is_due = error is not None and self._looks_first and not film.ahead
-        return "error" if is_due and film.error <= error else None
+        if error is None or not self._looks_first or film.ahead:
+            return None
+        return "error" if film.error <= error else None
 
     def find(self, film: Film, is_amid: bool = False) -> EndedBy | None:
         """Return why a film with `film.samples` finished sweeps is done, or None; called after each sweep.

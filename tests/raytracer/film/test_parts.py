@@ -135,7 +135,7 @@ def test_a_film_that_comes_from_no_render_is_no_part(tiles: list[Film]) -> None:
 
 
 def test_what_is_no_film_is_refused_and_one_film_may_be_alone(whole: Film, tiles: list[Film]) -> None:
-    with pytest.raises(ValueError, match="merge: film 2: expected a Film, such as load_film returns, got 'tile_2.npz'"):
+    with pytest.raises(ValueError, match=r"merge: film 2: expected a Film, .*got 'tile_2\.npz'"):
         raytracer.merge([tiles[0], "tile_2.npz"])
     assert same(raytracer.merge(whole), whole)
 
