@@ -77,8 +77,6 @@ def run(arguments: argparse.Namespace) -> None:
     """Render the frames asked for; print one line for each."""
     parts.check_arguments(arguments)
     output = check_output(Path(arguments.output), arguments.passes)
-    if arguments.part:
-        check_replaceable_picture(Path(arguments.part))
     check_denoising(output, arguments)
     bpy = open_blend(arguments.file)
     scene = bpy.context.scene
