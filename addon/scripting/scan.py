@@ -129,8 +129,12 @@ def scan(
     pattern = ScanPattern(horizontal, vertical, columns, rows)
     if not is_count(echoes):
         raise ValueError(f"echoes: expected a whole number of at least 1, got {echoes!r}")
+    try:
+        np.random.default_rng(seed)
+    except (TypeError, ValueError):
+        raise ValueError(f"seed: expected a whole number of at least 0, got {seed!r}") from None
     for label, value in (("noise", noise), ("radius", radius)):
-        if not 0 <= value < np.inf:
+        if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
             raise ValueError(f"{label}: expected metres of at least 0, got {value!r}")
     selection = make_selection(objects, collection, visibility)
     place, axes = find_scanner(depsgraph, origin)
