@@ -40,6 +40,7 @@ from .stereo import find_unsupported, list_views, look_from_view
 
 # Light paths per pixel of Blender's previews of materials, worlds and lights.
 PREVIEW_SAMPLES = 8
+OF_FIRST_SURFACE = {"Depth", "Position", "Normal", "UV", "Object Index", "Material Index", "Vector"}
 
 
 class SceneError(Exception):
@@ -309,10 +310,13 @@ def find_ignored_settings(depsgraph: Any, moves: bool) -> list[Warning]:
     is_adaptive = moves and scene.reference_raytracer.use_adaptive_sampling
     is_stereo = is_blurred(depsgraph) and scene.render.use_multiview
     samples = f"Samples of a view layer's own are not supported: '{view_layer.name}' has those of the scene"
+    is_threshold = view_layer.pass_alpha_threshold != 0.5 and OF_FIRST_SURFACE & set(enabled_passes(view_layer))
+    threshold = "Alpha thresholds of passes are not supported: they tell of the first surface that is half opaque"
     ignored = (
         (is_adaptive, "Adaptive sampling does not go with motion blur: all pixels have the same number of samples"),
         (is_stereo, "Motion blur is not supported with stereoscopy: the picture shows one moment"),
         (view_layer.samples > 0, samples),
+        (is_threshold, threshold),
     )
     return [*(Warning(text) for is_used, text in ignored if is_used), *find_unsupported(scene)]
 

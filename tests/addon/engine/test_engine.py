@@ -183,14 +183,24 @@ def test_statistics_tell_what_the_render_took(stage: Any, tmp_path: Path) -> Non
     assert not statistics.cancelled
 
 
-def test_samples_that_a_view_layer_alone_would_have_are_named(stage: Any, tmp_path: Path) -> None:
-    bpy.context.view_layer.samples = 3
+@pytest.mark.parametrize(
+    ("setting", "value", "text"),
+    [
+        ("samples", 3, "Samples of a view layer's own are not supported: 'ViewLayer' has those of the scene"),
+        (
+            "pass_alpha_threshold",
+            0.25,
+            "Alpha thresholds of passes are not supported: they tell of the first surface that is half opaque",
+        ),
+    ],
+)
+def test_what_a_view_layer_alone_would_have_is_named(
+    stage: Any, tmp_path: Path, setting: str, value: float, text: str
+) -> None:
+    bpy.context.view_layer.use_pass_z = True
+    setattr(bpy.context.view_layer, setting, value)
     render_pass(stage, tmp_path / "a.exr")
-    taken = last_render(stage)
-    assert taken.samples != 3
-    assert [str(warning) for warning in taken.warnings] == [
-        "Samples of a view layer's own are not supported: 'ViewLayer' has those of the scene"
-    ]
+    assert [str(warning) for warning in last_render(stage).warnings] == [text]
 
 
 def test_error_and_sample_count_reach_the_file(stage: Any, tmp_path: Path) -> None:
