@@ -237,11 +237,16 @@ class Film:
         return average(name)
 
     def _average(self, name: str, pixels: slice | Indices) -> Floats:
-        """Return the mean (n, channels) of a pass in some pixels: of its samples, or adaptive of its replications."""
+        """Return the mean (n, channels) of a pass in some pixels: of its samples, or adaptive of its replications, if a
+        pixel has both."""
         counts = self.sums.counts.read(pixels)
-        if self.pilot and counts.all():
-            return (self._average_replication(name, pixels, 0) + self._average_replication(name, pixels, 1)) / 2.0
-        return self.sums.read_sums(name, pixels) / np.maximum(counts.sum(axis=1), 1)[:, np.newaxis]
+        both = counts.all(axis=1)[:, np.newaxis] if self.pilot else np.zeros((1, 1), dtype=np.bool_)
+        if not both.all():
+            means = self.sums.read_sums(name, pixels) / np.maximum(counts.sum(axis=1), 1)[:, np.newaxis]
+            if not both.any():
+                return means
+        halves = (self._average_replication(name, pixels, 0) + self._average_replication(name, pixels, 1)) / 2.0
+        return halves if both.all() else np.where(both, halves, means)
 
     def _average_replication(self, name: str, pixels: slice | Indices, replication: int) -> Floats:
         sums = self.sums.read_sums(name, pixels, second=True)

@@ -212,6 +212,15 @@ def test_a_pixel_is_the_mean_of_its_replications_whatever_their_numbers():
     assert film.error == 2.0 / 4.0  # half of the difference of 2 and 6
 
 
+def test_a_pixel_of_one_sample_leaves_its_neighbors_as_they_are():
+    """As of a tile that time has ended at once, beside others."""
+    film = Film(2, 1, ("Combined",), pilot=16)
+    for replication, value, count in ((0, 2.0, 2), (1, 8.0, 1), (1, 4.0, 1)):
+        seen = {"Combined": np.full((count, 4), value), "Path Length": np.ones((count, 1))}
+        film.add(slice(0, count), seen, replication)
+    assert film["Combined"][0, :, 0].tolist() == [4.0, 2.0]  # of 2 and 6, and of 2
+
+
 def allocate_evenly_told(scatter, shape, pilot):
     """Return the densities where both parts of a pilot say the same as the whole."""
     return allocate(scatter, (scatter, scatter), shape, pilot)
