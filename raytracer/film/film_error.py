@@ -84,7 +84,7 @@ def square_film(film: SummedFilm, pixels: slice) -> Floats:
             squares = square_differences(film.sums, pixels, counts, weight).mean(axis=1)
         else:
             first, second = (film.show_replication(pixels, number) for number in range(2))
-            squares = square_errors(first, second, weight).mean(axis=1)
+            squares = square_errors(*forget_rounding(first, second, counts), weight).mean(axis=1)
     squares[np.isnan(squares)] = np.inf
     return squares
 
@@ -101,6 +101,19 @@ def square_differences(sums: Sums, pixels: slice, counts: Counts, weight: Floats
     rounding = FLOAT32_ROUNDOFF * np.abs(total) * ((first + second) / (first * second))
     means[np.abs(means) <= rounding] = 0.0
     return square_errors(means, np.zeros_like(means), weight)
+
+
+def forget_rounding(first: Floats, second: Floats, counts: Counts) -> tuple[Floats, Floats]:
+    """Return means (n, 3) of replications of m and n samples, equal where they differ by no more than rounding.
+
+    A sum of N = m + n samples is known to N eps of itself. The first replication's is what the second's leaves of it:
+    its mean is known to N eps (|A| + |B| n / m), which is below N eps (|A| + |B|) N / min(m, n).
+    """
+    total, fewest = counts.sum(axis=1), np.maximum(counts.min(axis=1), 1)
+    rounding = (np.finfo(np.float64).eps * total * (total / fewest))[:, np.newaxis]
+    apart = np.abs(first - second)
+    alike = (apart <= rounding * (np.abs(first) + np.abs(second))) & np.isfinite(apart)
+    return first, np.where(alike, first, second)
 
 
 def measure_scatter(film: SummedFilm) -> Scatter | None:

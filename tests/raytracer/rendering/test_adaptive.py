@@ -301,6 +301,30 @@ def test_a_pilot_of_infinite_light_and_of_paths_that_are_none_leaves_samples_eve
     assert (allocate_evenly_told(measure_scatter(sums, 8), (3, 4), 16) == 1.0).all()
 
 
+def test_an_adaptive_picture_without_noise_has_no_error():
+    """What sums of a constant are off by is no noise."""
+    film = render(
+        raytracer.Scene(camera=raytracer.Camera(np.eye(4)), world=raytracer.World((0.1, 0.2, 0.3))),
+        6,
+        4,
+        50,
+        adaptive=True,
+    )
+    assert film.pilot
+    told = film.measure_error()
+    assert (told.error, told.interval, told.note) == (0.0, (0.0, 0.0), "")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("replication", [0, 1])
+def test_light_that_is_none_leaves_the_error_of_an_adaptive_pixel_unknown(value, replication):
+    film = Film(1, 1, ("Combined",), pilot=16, samples=16)
+    for number in range(2):
+        seen = np.full((1, 4), value if number == replication else 1.0)
+        film.add(slice(0, 1), {"Combined": seen, "Path Length": np.ones((1, 1))}, number)
+    assert film.square_errors().tolist() == [np.inf]
+
+
 def test_without_noise_samples_are_even():
     for variance in (0.0, np.inf):
         assert (allocate_evenly_told(Scatter(np.full(6, variance), np.ones(6)), (2, 3), 16) == 1.0).all()
