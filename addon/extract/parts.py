@@ -126,6 +126,7 @@ class Context:
     is_render, thick_strands : the depsgraph's mode; True for strands that are round
     voxels : reads those of volumes
     dicing : what the scene says of adaptive subdivision; None where meshes are shown as Blender has them
+    is_bake : True where a surface is wanted, whatever the view layer shows
     """
 
     view_layer: Any
@@ -140,6 +141,7 @@ class Context:
     thick_strands: bool = False
     voxels: VoxelReader = field(default_factory=VoxelReader)
     dicing: Dicing | None = None
+    is_bake: bool = False
 
     @property
     def shows_strands(self) -> bool:
@@ -148,8 +150,9 @@ class Context:
 
     @property
     def shows_surfaces(self) -> bool:
-        """True where meshes are shown: what casts rays heeds no view layer's filter, as Blender's own casts do not."""
-        return self.materials is None or self.view_layer.use_solid
+        """True where meshes are shown: what casts rays heeds no view layer's filter, as Blender's own casts do not, and
+        neither does a bake."""
+        return self.materials is None or self.is_bake or self.view_layer.use_solid
 
 
 def renew_part(last: PartEntry, source: Any, context: Context) -> PartEntry | None:

@@ -79,7 +79,7 @@ def extract_scene(
         one leaves. The result is the same without
     set_frame : has the depsgraph show another frame, for motion blur or the pass Vector where they are asked for; None
         leaves both out
-    needs_camera : False for a scene without one, too
+    needs_camera : False for bakes, which show surfaces, without a camera too
 
     Raises
     ------
@@ -144,6 +144,7 @@ def _extract_scene(
             thick_strands=shows_thick(scene),
             voxels=voxels,
             dicing=dicing,
+            is_bake=not needs_camera,
         )
         placements = walk_instances(depsgraph, context)
     images = materials.images if materials else None

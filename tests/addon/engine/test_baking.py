@@ -59,6 +59,12 @@ def test_emission_fills_the_texture(plane: Any) -> None:
     np.testing.assert_allclose(bake("COMBINED")[..., :3], np.broadcast_to(RED, (SIZE, SIZE, 3)), rtol=1e-6)
 
 
+def test_a_layer_that_leaves_surfaces_out_bakes_them(plane: Any) -> None:
+    """As in Cycles: otherwise there is nothing to bake."""
+    bpy.context.view_layer.use_solid = False
+    np.testing.assert_allclose(bake("EMIT"), np.broadcast_to((*RED, 1.0), (SIZE, SIZE, 4)), rtol=1e-6)
+
+
 def test_positions_are_in_their_pixels(plane: Any) -> None:
     """u runs along x, v along y: the middle of pixel i lies at (i + 0.5) / 16 of the side."""
     fractions = (np.arange(SIZE) + 0.5) / SIZE
