@@ -33,8 +33,9 @@ from .image_tiles import open_tiles
 from .nodes import WarningContext
 
 Pixels = NDArray[Any]
-# An image's `session_uid`, and its frame: of sequences the path, of movies the number, else empty.
-ImageKey = tuple[int, str | int]
+# An image's `session_uid`, its frame (of sequences the path, of movies the number, else empty), and what scripts may
+# change from frame to frame: its file, color space and alpha mode.
+ImageKey = tuple[int, str | int, str, str, str]
 
 LARGEST_BYTE = 255
 # Numbers that are converted at a time: a large image as a whole would need several times its own memory for what
@@ -72,7 +73,8 @@ class ImageTable:
             frame, self.sequences = find_path(image, user, self._frame), self.sequences + 1
         if image.source == "MOVIE":
             frame, self.sequences = find_frame(user, self._frame), self.sequences + 1
-        key = image.original.session_uid, frame
+        settings = image.filepath, image.colorspace_settings.name, image.alpha_mode
+        key = image.original.session_uid, frame, *settings
         if key not in self._images:
             count = len(place.warnings.records)
             stays = self._kept.trusts(key[0]) or (self._kept.trusts_files and is_read_from_file(image))

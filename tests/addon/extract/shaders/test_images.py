@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from addon.extract.kept import Kept
 from addon.extract.shaders.color_spaces import LINEAR_SPACES, REC709, find_decoder, xyz_from_linear
 from addon.extract.shaders.images import ImageTable, associate, drop_infinities, extract_image, read_floats
 from addon.extract.shaders.nodes import WarningContext
@@ -331,3 +332,20 @@ def test_files_of_16_bits_are_blended_between_pixels_as_in_cycles(
         ).outputs["Color"]
     differences, _, _ = measure_differences(empty_scene, configurations)
     assert max(differences.values()) < 1e-4
+
+
+def test_an_image_that_is_given_another_file_is_read_again(warnings: WarningList, tmp_path: Path) -> None:
+    """Animations keep images, and a script may swap the file from frame to frame."""
+    for name, value in (("one", 0.25), ("two", 0.75)):
+        image = bpy.data.images.new(name, 1, 1)
+        image.pixels.foreach_set([value, value, value, 1.0])
+        image.file_format, image.filepath_raw = "PNG", str(tmp_path / f"{name}.png")
+        image.save()
+    shown, kept, found = bpy.data.images.load(str(tmp_path / "one.png")), Kept(trusts_files=True), []
+    for name in ("one", "one", "two"):
+        shown.filepath = str(tmp_path / f"{name}.png")
+        table = ImageTable(kept)
+        found.append(table.find_image(shown, None, "Image Texture", place(warnings)))
+        kept.images = table.silent
+    assert found[1] is found[0]
+    assert [int(image.pixels[0, 0, 0]) for image in found] == [64, 64, 191]
