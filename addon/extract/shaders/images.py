@@ -84,7 +84,9 @@ class ImageTable:
                 self.silent[key] = self._images[key]
         found = self._images[key]
         if found is None:
-            place.warn(f"node '{node}': image '{image.name}' is missing, magenta is shown")
+            is_layered = image.type == "MULTILAYER"  # known only now that its pixels were asked for
+            reason = "has layers of passes, which are not supported" if is_layered else "is missing"
+            place.warn(f"node '{node}': image '{image.name}' {reason}, magenta is shown")
             return MAGENTA if image.colorspace_settings.name == "sRGB" else None
         if isinstance(found, TiledImage):
             warn_of_tiles(image, found, place)

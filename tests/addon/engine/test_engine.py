@@ -20,6 +20,9 @@ import pytest
 import raytracer
 from addon.engine import progress
 from addon.engine.statistics import last_render
+from addon.extract.shaders.images import ImageTable
+from addon.extract.shaders.nodes import WarningContext
+from addon.extract.warnings import WarningList
 from addon.versions import set_image_format
 from raytracer.processes.workers import WorkerError
 from tests.addon.engine.engine_fixtures import (
@@ -59,6 +62,15 @@ def paint_expected(transparent: bool = False) -> np.ndarray:
 
 def test_render_puts_every_pixel_in_its_place(stage: Any, tmp_path: Path) -> None:
     np.testing.assert_array_equal(render_pass(stage, tmp_path / "a.exr"), paint_expected())
+
+
+def test_a_file_of_passes_as_texture_is_named(stage: Any, tmp_path: Path) -> None:
+    """Blender's Python sees no pixels of it, but it is not missing."""
+    path, warnings = tmp_path / "passes.exr", WarningList()
+    render_pass(stage, path)
+    ImageTable().find_image(bpy.data.images.load(str(path)), None, "Image Texture", WarningContext(warnings))
+    (warning,) = warnings.records
+    assert "'passes.exr' has layers of passes, which are not supported, magenta is shown" in warning.text
 
 
 def test_transparent_film_has_no_alpha_where_nothing_is(stage: Any, tmp_path: Path) -> None:
