@@ -20,7 +20,7 @@ from raytracer.textures.ies import Luminaire, read_ies
 from ... import versions
 from ..custom_properties import find_layer
 from .images import ImageTable, find_first_tile, is_associated
-from .nodes import Groups, WarningContext, find_socket, find_source, is_fed, read_number
+from .nodes import Groups, WarningContext, find_socket, find_source, is_fed, reaches_output, read_number
 from .skies import read_daylight_settings, read_sky_settings
 
 # The attributes that Blender's nodes read without naming them.
@@ -119,7 +119,7 @@ def read_image_settings(builder: Builder, node: Any, groups: Groups, output: str
         "projection": node.projection,
         "projection_blend": node.projection_blend,
         # As in Cycles: colors stay multiplied by alpha where nothing reads the alpha.
-        "unassociate": node.outputs["Alpha"].is_linked and is_associated(node.image),
+        "unassociate": is_associated(node.image) and reaches_output(node.outputs["Alpha"], groups),
     }
 
 

@@ -129,8 +129,15 @@ def identify(socket: Any, groups: Groups) -> tuple[int, ...]:
     return (socket.as_pointer(), *(group.as_pointer() for group in groups))
 
 
-# While trees are read: the links of each tree, by the address of the input that they feed; by thread, as it renders.
-_links: ContextVar[dict[int, dict[int, Any]] | None] = ContextVar("links", default=None)
+class LinkTable(NamedTuple):
+    """The links of a tree: by the address of the input that each feeds, and of the output that feeds all of a list."""
+
+    to: dict[int, Any]
+    of: dict[int, list[Any]]
+
+
+# While trees are read: the links of each tree; by thread, as it renders.
+_links: ContextVar[dict[int, LinkTable] | None] = ContextVar("links", default=None)
 
 
 @contextlib.contextmanager
@@ -147,16 +154,62 @@ def read_links_once() -> Iterator[None]:
         _links.reset(token)
 
 
+def find_links(tree: Any) -> LinkTable:
+    """Return the links of a tree that hand values on."""
+    known, key = _links.get(), tree.as_pointer()
+    if known is not None and key in known:
+        return known[key]
+    table = LinkTable({}, {})
+    for link in tree.links:
+        if link.is_valid and not link.is_muted:
+            table.to[link.to_socket.as_pointer()] = link
+            table.of.setdefault(link.from_socket.as_pointer(), []).append(link)
+    if known is not None:
+        known[key] = table
+    return table
+
+
 def find_link(socket: Any) -> Any:
     """Return the link that feeds an input socket, or None."""
-    known = _links.get()
-    if known is None:
+    if _links.get() is None:
         return next((link for link in socket.links if link.is_valid and not link.is_muted), None)
-    tree = socket.id_data
-    if tree.as_pointer() not in known:
-        used = (link for link in tree.links if link.is_valid and not link.is_muted)
-        known[tree.as_pointer()] = {link.to_socket.as_pointer(): link for link in used}
-    return known[tree.as_pointer()].get(socket.as_pointer())
+    return find_links(socket.id_data).to.get(socket.as_pointer())
+
+
+def reaches_output(output: Any, groups: Groups) -> bool:
+    """Return whether what an output gives comes to one of the shader's own outputs, on whatever way.
+
+    groups : the group nodes that the output lies in
+    """
+    waiting, known = [Source(output, groups)], set()
+    while waiting:
+        source = waiting.pop()
+        key = identify(source.socket, source.groups)
+        if key in known:
+            continue
+        known.add(key)
+        for link in find_links(source.socket.id_data).of.get(source.socket.as_pointer(), ()):
+            node = link.to_node
+            if node.type == "OUTPUT_AOV" or (
+                node.type.startswith("OUTPUT_") and node == versions.find_output_node(node.id_data)
+            ):
+                return True
+            waiting += hand_on(node, link.to_socket, source.groups)
+    return False
+
+
+def hand_on(node: Any, socket: Any, groups: Groups) -> list[Source]:
+    """Return the outputs that depend on an input of a node; of a group those that give the value within it."""
+    if node.mute or node.type == "REROUTE":
+        return [Source(inner.to_socket, groups) for inner in node.internal_links if inner.from_socket == socket]
+    if node.type == "GROUP_OUTPUT":
+        found = find_socket(groups[-1].outputs, socket.identifier) if groups and node.is_active_output else None
+        return [] if found is None else [Source(found, groups[:-1])]
+    if node.type not in GROUP_NODES:
+        return [Source(found, groups) for found in node.outputs]
+    starts = [inner for inner in node.node_tree.nodes if inner.type == "GROUP_INPUT"] if node.node_tree else []
+    inside = (find_socket(start.outputs, socket.identifier) for start in starts)
+    return [Source(found, (*groups, node)) for found in inside if found is not None]
 
 
 def find_group_output(group: Any, identifier: str) -> Any:

@@ -79,6 +79,32 @@ def test_inputs_of_groups_that_nothing_is_linked_to_agree(empty_scene: Any, reco
     assert_agreement(configurations, PACKED_NORMALS, record_property)
 
 
+def offer_alpha(is_read: bool) -> Any:
+    """Return what makes a group of an image whose alpha it offers besides the color."""
+
+    def build(tree: Any) -> Any:
+        group = bpy.data.node_groups.new("Group", "ShaderNodeTree")
+        group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
+        group.interface.new_socket("Alpha", in_out="OUTPUT", socket_type="NodeSocketFloat")
+        pixels = np.random.default_rng(3).random((16, 4))
+        image = bpy.data.images.new("Image", 4, 4, alpha=True)
+        image.pixels.foreach_set(pixels.astype(np.float32).ravel())
+        node, end = add_node(group, "ShaderNodeTexImage", image=image), group.nodes.new("NodeGroupOutput")
+        group.links.new(node.outputs["Color"], end.inputs["Color"])
+        group.links.new(node.outputs["Alpha"], end.inputs["Alpha"])
+        shown = add_node(tree, "ShaderNodeGroup", node_tree=group)
+        total = add_node(tree, "ShaderNodeVectorMath", {"Vector": shown.outputs["Color"]}, operation="ADD")
+        if is_read:
+            tree.links.new(shown.outputs["Alpha"], total.inputs[1])
+        return total.outputs[0]
+
+    return build
+
+
+def test_colors_are_divided_by_alpha_for_shaders_that_read_it(empty_scene: Any, record_property: Any) -> None:
+    assert_agreement({f"read {is_read}": offer_alpha(is_read) for is_read in (False, True)}, 1e-3, record_property)
+
+
 def mapped(kind: str, **mapping: Any) -> Any:
     """Return what makes a texture with a mapping of its own."""
 

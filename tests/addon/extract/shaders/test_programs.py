@@ -307,6 +307,53 @@ def test_coordinates_of_an_object_that_is_nowhere_are_zero(tree: Any) -> None:
     assert_array_equal(extract_material().program.steps[0].settings["object_from_world"], np.zeros((4, 4)))
 
 
+def split_alpha(tree: Any) -> Any:
+    """Return a group of an image whose color shines, and whose alpha is linked to the group's second output."""
+    group, _, end = make_group("Group", "NodeSocketColor")
+    group.interface.new_socket("Alpha", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    image = add_node(group, "ShaderNodeTexImage", image=bpy.data.images.new("Image", 2, 2, alpha=True))
+    group.links.new(image.outputs["Color"], end.inputs["Out"])
+    group.links.new(image.outputs["Alpha"], end.inputs["Alpha"])
+    node = add_node(tree, "ShaderNodeGroup", node_tree=group)
+    show(tree, node.outputs["Out"])
+    return node
+
+
+def is_unassociated() -> bool:
+    (step,) = (step for step in extract_material().program.steps if step.operation == "TEX_IMAGE")
+    return bool(step.settings["unassociate"])
+
+
+def test_alpha_that_leads_nowhere_leaves_colors_multiplied(tree: Any) -> None:
+    """Cycles, too, divides colors by alpha only for shaders that read it: not for a group that merely offers it."""
+    node = split_alpha(tree)
+    assert not is_unassociated()
+    loose = tree.nodes.new("ShaderNodeMath")
+    tree.links.new(node.outputs["Alpha"], loose.inputs[0])
+    assert not is_unassociated()
+    link = tree.links.new(loose.outputs[0], tree.nodes["Emission"].inputs["Strength"])
+    assert is_unassociated()
+    link.is_muted = True
+    assert not is_unassociated()
+
+
+@pytest.mark.parametrize("kind", ["ShaderNodeOutputAOV", "NodeReroute", "ShaderNodeGroup"])
+def test_alpha_is_read_on_whatever_way_it_comes_to_an_output(tree: Any, kind: str) -> None:
+    node = split_alpha(tree)
+    further = tree.nodes.new(kind)
+    if kind == "ShaderNodeGroup":
+        further.node_tree, start, end = make_group("Further", "NodeSocketFloat")
+        further.node_tree.links.new(start.outputs[0], end.inputs[0])
+    tree.links.new(node.outputs["Alpha"], find_value(further.inputs))
+    if further.outputs:
+        tree.links.new(further.outputs[0], tree.nodes["Emission"].inputs["Strength"])
+    assert is_unassociated()
+
+
+def find_value(sockets: Any) -> Any:
+    return next((socket for socket in sockets if socket.name == "Value"), sockets[0])
+
+
 def test_bump_runs_its_height_as_a_program_of_its_own(tree: Any) -> None:
     attribute = add_node(tree, "ShaderNodeAttribute", attribute_name="number").outputs["Fac"]
     show(tree, add_node(tree, "ShaderNodeBump", {"Height": attribute}).outputs[0])
