@@ -67,6 +67,8 @@ def read_mesh_attribute(mesh: Any, geometry: Geometry, name: str) -> Values | No
     if attribute is None:
         return None
     values = read_values(attribute)
+    if values is not None and attribute.domain == "EDGE":
+        return average_edges(mesh, values, attribute.data_type)
     return None if values is None else to_triangles(mesh, geometry, attribute.domain, values)
 
 
@@ -123,8 +125,6 @@ def to_triangles(mesh: Any, geometry: Geometry, domain: str, values: Values) -> 
     """Return values of a domain at vertices (v, k) or at the corners of triangles (t, 3, k); None for other domains."""
     if domain == "POINT":
         return values
-    if domain == "EDGE":
-        return average_edges(mesh, values)
     if domain == "CORNER":
         corners = read_corners(mesh)
         return values[corners if geometry.kept is None else corners[geometry.kept]]
@@ -133,12 +133,23 @@ def to_triangles(mesh: Any, geometry: Geometry, domain: str, values: Values) -> 
     return None
 
 
-def average_edges(mesh: Any, values: Values) -> Values:
-    """Return at each vertex (v, k) the mean of the values (e, k) of its edges, 0 without any, as Cycles has it."""
-    ends, count = read_array(mesh.attributes[".edge_verts"].data, "value", np.intc, 2), len(mesh.vertices)
-    sums = np.stack([np.bincount(ends.ravel(), np.repeat(column, 2), minlength=count) for column in values.T], axis=1)
-    degree = np.bincount(ends.ravel(), minlength=count)[:, np.newaxis]
-    return np.divide(sums, degree, out=np.zeros_like(sums), where=degree > 0).astype(np.float32)
+def average_edges(mesh: Any, values: Values, kind: str) -> Values:
+    """Return at each vertex (v, k) what its edges (e, k) have, as Blender carries it there: the mean, of whole numbers
+    a whole one, of truth values whether any is true; 0 without edges.
+
+    References
+    ----------
+    Blender, source/blender/blenkernel/intern/mesh_attributes.cc: adapt_mesh_domain_edge_to_point.
+    """
+    ends, count = read_array(mesh.attributes[".edge_verts"].data, "value", np.intc, 2).ravel(), len(mesh.vertices)
+    sums = np.stack([np.bincount(ends, np.repeat(column, 2), minlength=count) for column in values.T], axis=1)
+    degree = np.bincount(ends, minlength=count)[:, np.newaxis]
+    mean = np.divide(sums, degree, out=np.zeros_like(sums), where=degree > 0)
+    if kind == "BOOLEAN":
+        mean = np.ceil(mean)
+    elif kind in ("INT", "INT8"):
+        mean = np.copysign(np.floor(np.abs(mean) + 0.5), mean)  # halves go away from 0
+    return mean.astype(np.float32)
 
 
 def read_generated(mesh: Any) -> Values:

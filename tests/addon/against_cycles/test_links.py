@@ -136,20 +136,18 @@ def test_a_texture_s_own_mapping_agrees(empty_scene: Any, record_property: Any) 
 def test_attributes_of_edges_and_rotations_agree(
     empty_scene: Any, record_property: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kinds = {"FLOAT": ("value", 1), "FLOAT_VECTOR": ("vector", 3), "FLOAT_COLOR": ("color", 4), "INT": ("value", 1)}
+    kinds = {"FLOAT": ("value", 1), "FLOAT_VECTOR": ("vector", 3), "FLOAT_COLOR": ("color", 4)}
+    whole = {"INT": (np.intc, 9), "BOOLEAN": (np.bool_, 2)}
     plain = node_fixtures.make_tilted_plane
 
     def make_plane(name: str) -> Any:
         mesh, random = plain(name), np.random.default_rng(2)
         for kind, (field, width) in kinds.items():
-            values = (
-                random.integers(0, 9, len(mesh.edges) * width)
-                if kind == "INT"
-                else random.random(len(mesh.edges) * width)
-            )
-            mesh.attributes.new(kind, kind, "EDGE").data.foreach_set(
-                field, values.astype(np.intc if kind == "INT" else np.float32)
-            )
+            values = random.random(len(mesh.edges) * width).astype(np.float32)
+            mesh.attributes.new(kind, kind, "EDGE").data.foreach_set(field, values)
+        for kind, (dtype, below) in whole.items():
+            values = random.integers(0, below, len(mesh.edges)).astype(dtype)
+            mesh.attributes.new(kind, kind, "EDGE").data.foreach_set("value", values)
         turns = mesh.attributes.new("QUATERNION", "QUATERNION", "POINT")
         turns.data.foreach_set("value", random.random(4 * len(mesh.vertices)).astype(np.float32))
         return mesh
@@ -157,7 +155,7 @@ def test_attributes_of_edges_and_rotations_agree(
     monkeypatch.setattr(node_fixtures, "make_tilted_plane", make_plane)
     configurations = {
         f"{name} {output}": attribute(name, output)
-        for name in (*kinds, "QUATERNION")
+        for name in (*kinds, *whole, "QUATERNION")
         for output in ("Color", "Fac", "Alpha")
     }
     assert_agreement(configurations, SMOOTH, record_property)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
@@ -24,16 +23,25 @@ def extract_attribute(tree: Any, name: str) -> Any:
     return mesh.attributes[name]
 
 
-def test_edges_give_vertices_their_mean(shown: Any, tree: Any) -> None:
+@pytest.mark.parametrize(
+    ("kind", "values", "expected"),
+    [
+        ("FLOAT", (1.0, 2.0, 4.0, 8.0), (13 / 3, 1.5, 3.0, 8.0, 0.0)),
+        ("INT", (1, 2, -3, 8), (2.0, 2.0, -1.0, 8.0, 0.0)),
+        ("BOOLEAN", (True, False, False, False), (1.0, 1.0, 0.0, 0.0, 0.0)),
+    ],
+)
+def test_edges_give_vertices_what_blender_carries_there(
+    shown: Any, tree: Any, kind: str, values: tuple[Any, ...], expected: tuple[float, ...]
+) -> None:
+    """The mean, of whole numbers a whole one, or whether any is true; edges join 0 and 1, 1 and 2, 2 and 0, 0 and 3."""
     shown.data.edges.add(1)
-    shown.data.vertices.add(2)
-    shown.data.edges[3].vertices = (0, 3)  # loose, and vertex 4 has no edge at all
-    given = shown.data.attributes.new("given", "FLOAT", "EDGE")
-    ends = [tuple(edge.vertices) for edge in shown.data.edges]
-    values = np.array([1.0, 2.0, 4.0, 8.0])
-    given.data.foreach_set("value", values.astype(np.float32))
-    means = [np.mean([v for v, pair in zip(values, ends, strict=True) if n in pair] or [0]) for n in range(5)]
-    assert_allclose(extract_attribute(tree, "given"), np.array(means)[:, np.newaxis])
+    shown.data.vertices.add(2)  # the last has no edge at all
+    shown.data.edges.foreach_set("vertices", [0, 1, 1, 2, 2, 0, 0, 3])
+    shown.data.loops.foreach_set("edge_index", [0, 1, 2])
+    given = shown.data.attributes.new("given", kind, "EDGE")
+    given.data.foreach_set("value", values)
+    assert_allclose(extract_attribute(tree, "given")[:, 0], expected, rtol=1e-6)
 
 
 def test_rotations_are_colors_with_alpha(shown: Any, tree: Any) -> None:
