@@ -168,7 +168,8 @@ def open_blend(path: str) -> Any:
             register()
         try:
             with hide_python_output():
-                bpy.ops.wm.open_mainfile(filepath=str(file.resolve()), load_ui=False)
+                # Not resolved: what lies beside a link to a file counts as beside the file, as for `blender -b`.
+                bpy.ops.wm.open_mainfile(filepath=str(file.absolute()), load_ui=False)
         except RuntimeError as error:
             raise CommandError(f"{path}: {first_line(str(error))}") from None
     return bpy

@@ -17,7 +17,7 @@ import pytest
 
 from addon.commands import render
 from addon.commands.arguments import parse_frames, parse_size
-from addon.commands.command_line import build_parser, join_frames
+from addon.commands.command_line import build_parser, join_frames, open_blend
 from addon.commands.render import JSON_KEYS, number_path
 from addon.versions import blender_pass_name
 from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, read_image, save_plane
@@ -144,6 +144,16 @@ def test_errors_are_one_line_and_exit_code_one(blend: Path, tmp_path: Path, argu
     assert message in done.stderr
     assert done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["broken.blend"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows lets few make links")
+def test_a_link_to_a_file_stands_where_it_is_as_for_blender(
+    blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, registered_addon: None
+) -> None:
+    (tmp_path / "link.blend").symlink_to(blend)
+    monkeypatch.chdir(tmp_path)
+    open_blend("link.blend")
+    assert bpy.path.abspath("//texture.png") == str(tmp_path / "texture.png")
 
 
 def test_scene_without_camera_fails_and_keeps_the_old_picture(tmp_path: Path) -> None:
