@@ -54,6 +54,8 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
     bl_label = "Reference Ray Tracer"
     bl_use_eevee_viewport = True  # Material Preview is drawn by EEVEE
     bl_use_preview = True  # small pictures of materials, worlds and lights
+    bl_use_shading_nodes_custom = False  # the nodes are Blender's own: without this there is no Shader Editor
+    bl_use_spherical_stereo = True  # cameras show the setting
 
     layers_done = 0
     baked_images = 0

@@ -8,6 +8,7 @@ from .. import versions
 from . import (
     bake,
     built_in,
+    camera,
     curves,
     last_render,
     motion_blur,
@@ -22,7 +23,7 @@ from . import (
 # In the order of each tab.
 CLASSES = (
     *(*presets.CLASSES, *render.CLASSES, *bake.CLASSES, *last_render.CLASSES, *view_layer.CLASSES, *scene_data.CLASSES),
-    *(*motion_blur.CLASSES, *curves.CLASSES, *subdivision.CLASSES, *resume.CLASSES),
+    *(*camera.CLASSES, *motion_blur.CLASSES, *curves.CLASSES, *subdivision.CLASSES, *resume.CLASSES),
 )
 
 register_classes, unregister_classes = bpy.utils.register_classes_factory(CLASSES)

@@ -258,6 +258,16 @@ def test_progress_rises_to_one_over_all_view_layers(stage: Any, tmp_path: Path) 
     assert {0.5, 1.0} <= set(shares)
 
 
+def test_the_shader_editor_is_there_and_so_are_settings_of_spherical_stereo(stage: Any) -> None:
+    area = next(area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D")
+    try:
+        area.ui_type = "ShaderNodeTree"  # TypeError where the list of editors has none
+        assert area.type == "NODE_EDITOR"
+    finally:
+        area.type = "VIEW_3D"
+    assert stage.render.use_spherical_stereo
+
+
 # What goes wrong, and what the user reads. (Classes, not exceptions: one that was raised holds on to the engine through
 # its traceback, and Blender 4.2 crashes if that outlives the render.)
 FAILURES = (

@@ -9,7 +9,8 @@ import bpy
 import pytest
 
 from addon import properties, versions
-from addon.panels import bake, render, resume, scene_data, view_layer
+from addon.extract.camera import PANORAMAS
+from addon.panels import bake, camera, render, resume, scene_data, view_layer
 from addon.passes import MATTE_OPTIONS, PASSES, enable_passes, enabled_passes, find_pass, list_options
 from addon.properties import ENGINE
 from raytracer.film import passes
@@ -149,6 +150,24 @@ def test_light_panel_draws_every_kind_of_light(empty_scene: Any, registered: Non
     expected, own = (["use_shadow", "spread"], ["is_portal"]) if kind == "AREA" else (["use_shadow"], [])
     own += ["max_bounces", "is_caustics_light"]
     assert names == [*expected, *(own if hasattr(light, "cycles") else [])]
+
+
+def test_panorama_panel_draws_every_kind_that_is_read(empty_scene: Any, registered: None) -> None:
+    lens, panel = bpy.data.cameras.new("Lens"), camera.RAYTRACER_CAMERA_PT_panorama
+    context = SimpleNamespace(camera=lens, engine=ENGINE)
+    assert not panel.poll(context)
+    lens.type = "PANO"
+    assert panel.poll(context)
+    kinds = [item.identifier for item in lens.bl_rna.properties["panorama_type"].enum_items]
+    assert kinds
+    assert set(kinds) <= PANORAMAS.keys()
+    asked = {}
+    for lens.panorama_type in kinds:
+        first, *asked[lens.panorama_type] = draw(panel, camera=lens).names
+        assert first == "panorama_type"
+    assert asked["FISHEYE_EQUISOLID"] == ["fisheye_lens", "fisheye_fov"]
+    assert asked["MIRRORBALL"] == []
+    assert sum(map(len, asked.values())) == 13 + 5 * ("CENTRAL_CYLINDRICAL" in kinds)
 
 
 def test_caustics_panel_is_there_for_what_becomes_a_mesh(empty_scene: Any, registered: None) -> None:
