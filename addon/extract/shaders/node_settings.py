@@ -140,7 +140,7 @@ def read_environment_settings(builder: Builder, node: Any, groups: Groups, outpu
 def read_ramp(builder: Builder, node: Any, groups: Groups, output: str) -> Settings:
     """Color Ramp: what Blender itself evaluates, at even steps."""
     ramp = node.color_ramp
-    table = np.array([ramp.evaluate(k / (TABLE_SIZE - 1)) for k in range(TABLE_SIZE)])  # (256, 4)
+    table = np.array([ramp.evaluate(k / (TABLE_SIZE - 1)) for k in range(TABLE_SIZE)])  # (257, 4)
     return {"table": table, "interpolate": ramp.interpolation != "CONSTANT"}
 
 
@@ -159,7 +159,7 @@ def read_curves(builder: Builder, node: Any, groups: Groups, output: str) -> Set
 
     columns = [[evaluate(curve, float(place)) for place in places] for curve in curves[:3]]
     return {
-        "table": np.array(columns).T,  # (256, 1 or 3)
+        "table": np.array(columns).T,  # (257, 1 or 3)
         "low": float(low),
         "high": float(high),
         "extrapolate": mapping.extend == "EXTRAPOLATED",

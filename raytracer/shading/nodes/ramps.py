@@ -16,7 +16,8 @@ import numpy as np
 
 from raytracer.shading.nodes.operation import Array, Operation, mix, saturate, spread, stack
 
-TABLE_SIZE = 256
+# An entry for each 256th, and the end: Cycles' tables, said to be of 256, have one more.
+TABLE_SIZE = 257
 
 
 def read_table(table: Array, position: Any, interpolate: bool = True, extrapolate: bool = False) -> Array:

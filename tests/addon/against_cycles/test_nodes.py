@@ -337,7 +337,32 @@ def with_curves(kind: str, identifier: str, extend: str) -> Make:
     return build
 
 
+STEP = part(stretch(GENERATED, (0.05,) * 3, (0.31,) * 3), "X")
+
+
+def with_ramp_step(tree: Any) -> Any:
+    """A ramp that changes within a 128th, which the place of each entry of its table decides."""
+    node = add_node(tree, "ShaderNodeValToRGB", {"Fac": STEP(tree)})
+    node.color_ramp.elements.new(0.33).color = (1.0, 0.2, 0.7, 1.0)
+    node.color_ramp.elements.new(0.337).color = (0.1, 0.9, 0.2, 1.0)
+    return node.outputs["Color"]
+
+
+def with_curve_step(tree: Any) -> Any:
+    """The same of a curve."""
+    node = add_node(tree, "ShaderNodeFloatCurve", {"Value": STEP(tree)})
+    points = node.mapping.curves[0].points
+    points.new(0.33, 0.9)
+    points.new(0.337, 0.1)
+    for point in points:
+        point.handle_type = "VECTOR"
+    node.mapping.update()
+    return node.outputs[0]
+
+
 RAMPS = {
+    "ramp with a step": with_ramp_step,
+    "curve with a step": with_curve_step,
     **{f"ramp {kind}": with_ramp(kind) for kind in ("LINEAR", "EASE", "CONSTANT", "B_SPLINE", "CARDINAL")},
     **{f"ramp {mode} {hues}": with_ramp("LINEAR", mode, hues) for mode in ("HSV", "HSL") for hues in ("NEAR", "CW")},
     **{
