@@ -26,9 +26,9 @@ FLOAT32_EPSILON = float(np.finfo(np.float32).eps)
 
 
 def _power(base: Any, exponent: Any) -> Array:
-    """base ** exponent, 0 for a negative base with a broken exponent."""
+    """base ** exponent, 0 for a negative base with a broken exponent and for 0 with a negative one."""
     base, exponent = np.broadcast_arrays(np.asarray(base, float), np.asarray(exponent, float))
-    defined = (base >= 0) | (exponent == np.trunc(exponent))
+    defined = np.where(base == 0, exponent >= 0, (base > 0) | (exponent == np.trunc(exponent)))
     return np.where(defined, np.power(np.where(defined, base, 1.0), exponent), 0.0)
 
 
@@ -234,9 +234,10 @@ def map_range(
 def map_range_of_number(
     value: Any, from_low: Any, from_high: Any, low: Any, high: Any, steps: Any, *, interpolation_type: str, clamp: bool
 ) -> Array:
-    """`map_range`, 0 where the range that is mapped from is empty."""
+    """`map_range`, 0 where the range that is mapped from is empty, or what is nearest to 0 in the one mapped to."""
     result = map_range(value, from_low, from_high, low, high, steps, interpolation_type=interpolation_type, clamp=clamp)
-    return np.where(np.asarray(from_low) == from_high, 0.0, result)
+    nothing = np.minimum(np.maximum(0.0, np.minimum(low, high)), np.maximum(low, high)) if clamp else 0.0
+    return np.where(np.asarray(from_low) == from_high, nothing, result)
 
 
 def mix_numbers(factor: Any, a: Any, b: Any, *, clamp_factor: bool) -> Array:

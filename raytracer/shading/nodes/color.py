@@ -32,9 +32,9 @@ def to_hue(color: Any) -> tuple[Array, Array, Array]:
 
 
 def to_hsv(color: Any) -> Array:
-    """Hue, saturation, value of RGB."""
+    """Hue, saturation, value of RGB; without hue where the value is 0, though parts are negative."""
     hue, high, low = to_hue(color)
-    return stack(hue, divide(high - low, high), high)
+    return stack(np.where(high != 0, hue, 0.0), divide(high - low, high), high)
 
 
 def to_hsl(color: Any) -> Array:
@@ -167,7 +167,8 @@ def mix_colors_of_old(factor: Any, a: Any, b: Any, *, blend_type: str, use_clamp
 def adjust_hue(hue: Any, saturation: Any, value: Any, factor: Any, color: Any) -> Array:
     """Turn the hue by (hue - 1/2) of a circle, scale saturation and value, blend with the color as it was."""
     first, second, third = separate(to_hsv(color))
-    turned = np.fmod(first + hue + 0.5, 1.0)
+    turned = first + hue + 0.5
+    turned = turned - np.floor(turned)
     adjusted = from_hsv(stack(turned, saturate(second * saturation), third * value))
     return np.maximum(mix(color, adjusted, spread(factor)), 0.0)
 
