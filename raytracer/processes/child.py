@@ -13,7 +13,8 @@ import signal
 import subprocess
 import sys
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -34,14 +35,15 @@ class Child:
     """The parent's end of a process that runs the function `serve` of `module`."""
 
     def __init__(self, module: str, arguments: str = "", **options: Any) -> None:
-        self.process = start_process(
-            make_python_command(f"from {module} import serve; serve({arguments})"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            bufsize=0,
-            env=make_python_environment(),
-            **options,
-        )
+        with withheld_interrupts():
+            self.process = start_process(
+                make_python_command(f"from {module} import serve; serve({arguments})"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                bufsize=0,
+                env=make_python_environment(),
+                **options,
+            )
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         self.channel = Channel(self.process.stdout, self.process.stdin)  # type: ignore[arg-type]
@@ -80,6 +82,20 @@ class Child:
     def close(self) -> None:
         """Close the pipes of a process that was killed."""
         self.channel.close()
+
+
+@contextmanager
+def withheld_interrupts() -> Iterator[None]:
+    """Let processes that are started inside the block never hear of Ctrl-C, which a terminal sends to all at once: one
+    that is still reading Python's modules cannot ignore it yet, and would print where it was. Ours comes afterwards."""
+    if sys.platform == "win32":  # without a console of ours they are not told
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def open_channel() -> Channel:

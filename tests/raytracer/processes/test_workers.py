@@ -187,6 +187,18 @@ def test_killed_workers_give_one_error_and_no_hang(functions):
             list(workers.run(range(100)))
 
 
+@pytest.mark.skipif(os.name != "posix", reason="Ctrl-C reaches no process without a console here")
+def test_ctrl_c_while_workers_start_is_their_parents_alone(functions, capfd):
+    with Workers(1) as workers:
+        ids = workers.process_ids
+        os.kill(ids[0], signal.SIGINT)  # as a terminal does, to all that it runs
+        workers.load(functions.Scale, np.arange(5))
+        assert list(workers.run(range(5))) == list(range(5))
+        assert workers.process_ids == ids
+        assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize("killed", [1, 2])
 def test_workers_that_were_lost_are_replaced_when_something_is_loaded(functions, killed):
     with Workers(2) as workers:
