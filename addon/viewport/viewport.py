@@ -70,11 +70,20 @@ def watch() -> float | None:
     """Let regions with news be drawn; called by Blender's timer while there are viewports."""
     for viewport in list(_viewports):
         engine = viewport.engine()
-        if engine is None:
+        if engine is None or is_freed(engine):
             viewport.close()
         elif viewport.has_news():
             engine.tag_redraw()
     return WATCH_INTERVAL if _viewports else None
+
+
+def is_freed(engine: Any) -> bool:
+    """Return whether Blender has let go of its engine: the frames of an error may hold the object still."""
+    try:
+        engine.as_pointer()
+    except ReferenceError:
+        return True
+    return False
 
 
 @persistent

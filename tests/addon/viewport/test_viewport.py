@@ -18,6 +18,7 @@ from addon.extract.kept import Changes, Kept
 from addon.extract.scene import extract_scene
 from addon.extract.warnings import WarningList
 from addon.viewport import session as session_module
+from addon.viewport import viewport as viewport_module
 from addon.viewport.drawing import BAND_PIXELS, Canvas
 from addon.viewport.session import Session, make_target
 from addon.viewport.views import EmptyBorderError, read_view, read_window
@@ -371,3 +372,31 @@ def test_large_pictures_reach_the_screen_in_bands(monkeypatch: pytest.MonkeyPatc
     canvas.upload()
     assert not canvas.is_busy
     assert canvas._shown.picture.pixels.shape == (8, 64, 4)
+
+
+def test_a_region_whose_engine_blender_freed_is_ended_and_the_others_are_drawn_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Engine:
+        redraws = 0
+
+        def as_pointer(self) -> int:
+            return id(self)
+
+        def tag_redraw(self) -> None:
+            self.redraws += 1
+
+    class FreedEngine:  # an error's traceback still holds it
+        def __getattr__(self, name: str) -> Any:
+            raise ReferenceError("StructRNA of type ReferenceRaytracerEngine has been removed")
+
+    engines = FreedEngine(), Engine()
+    monkeypatch.setattr(viewport_module.Viewport, "has_news", lambda self: True)
+    freed, living = viewports = [viewport_module.Viewport(engine) for engine in engines]
+    try:
+        assert viewport_module.watch() is not None
+        assert (freed.session.is_closed, living.session.is_closed) == (True, False)
+        assert engines[1].redraws == 1
+    finally:
+        for one in viewports:
+            one.close()
