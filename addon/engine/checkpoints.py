@@ -76,10 +76,13 @@ def make_order(engine: Any, scene: Any, view_layer: str, view: str = "") -> Keep
     return KeepFilm(path, every=float(scene.reference_raytracer.checkpoint_interval), on_fault=warn)
 
 
-def remove_files(scene: Any) -> None:
-    """Remove the files of a frame that is complete."""
+def remove_files(engine: Any, scene: Any) -> None:
+    """Remove the files of a frame that is complete; the picture is worth more than one that stays, with a warning."""
     for path in list_files(scene):
-        path.unlink(missing_ok=True)
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            engine.report({"WARNING"}, f"Checkpoint not removed: {path}: {error.strerror}")
 
 
 def resume() -> None:

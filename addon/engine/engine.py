@@ -240,7 +240,7 @@ def make_checked_film(
     if depsgraph.scene.render.use_single_layer:
         total = len(views)
     if not film.cancelled and done >= total:
-        checkpoints.remove_files(depsgraph.scene)
+        checkpoints.remove_files(engine, depsgraph.scene)
     return film
 
 

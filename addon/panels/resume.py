@@ -28,22 +28,28 @@ class RAYTRACER_OT_resume_render(bpy.types.Operator):
 
     def execute(self, context: Any) -> set[str]:
         """Render, and return when it is done."""
-        checkpoints.resume()
         try:
-            bpy.ops.render.render(scene=context.scene.name)
-        except RuntimeError as error:
-            self.report({"ERROR"}, str(error).strip().removeprefix("Error: "))
-            return {"CANCELLED"}
+            return resume(self, context.scene, "EXEC_DEFAULT")
         finally:
             checkpoints.forget()
-        return {"FINISHED"}
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         """Render while the user watches, as Render Image does."""
-        checkpoints.resume()
-        if "CANCELLED" in bpy.ops.render.render("INVOKE_DEFAULT", scene=context.scene.name):
+        result = resume(self, context.scene, "INVOKE_DEFAULT")
+        if "CANCELLED" in result:  # it has not begun, and no end will be told
             checkpoints.forget()
-        return {"FINISHED"}
+        return result
+
+
+def resume(operator: Any, scene: Any, how: str) -> set[str]:
+    """Have Blender's operator render from the files that are there, called by `how`; report why it does not."""
+    checkpoints.resume()
+    try:
+        result = bpy.ops.render.render(how, scene=scene.name)
+    except RuntimeError as error:
+        operator.report({"ERROR"}, str(error).strip().removeprefix("Error: "))
+        return {"CANCELLED"}
+    return {"CANCELLED"} if "CANCELLED" in result else {"FINISHED"}
 
 
 def draw_item(menu: Any, context: Any) -> None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -15,6 +16,7 @@ import pytest
 
 from addon.engine import checkpoints, engine
 from addon.engine.statistics import last_render
+from addon.panels.resume import RAYTRACER_OT_resume_render
 from raytracer.film.film_file import load_film
 from raytracer.rendering import checkpoints as writing
 from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage, render_pass
@@ -155,6 +157,34 @@ def test_a_disk_that_gets_full_costs_the_checkpoint_and_not_the_picture(
     monkeypatch.setattr(writing, "save_film", fail)
     np.testing.assert_array_equal(render_pass(stage, tmp_path / "again.exr"), whole)
     assert faults
+
+
+def test_a_file_that_cannot_be_removed_costs_no_picture(
+    stage: Any, stop: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    stop()
+    whole = render_pass(stage, tmp_path / "whole.exr")
+    unlink = Path.unlink
+
+    def refuse(path: Path, missing_ok: bool = False) -> None:
+        if path.name.endswith(checkpoints.SUFFIX) and path.exists():
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))  # a virus scanner reads it, on Windows
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    np.testing.assert_array_equal(render_pass(stage, tmp_path / "again.exr"), whole)
+    assert "Checkpoint not removed: " in capfd.readouterr().out
+
+
+def test_a_resumed_render_that_could_not_begin_leaves_the_next_one_alone(stage: Any, stop: Any, tmp_path: Path) -> None:
+    stop(2)
+    render_pass(stage, tmp_path / "some.exr")
+    stage.camera = None
+    reports: list[str] = []
+    operator = SimpleNamespace(report=lambda kind, text: reports.append(text))
+    assert RAYTRACER_OT_resume_render.invoke(operator, bpy.context, None) == {"CANCELLED"}
+    assert "camera" in "".join(reports)
+    assert not checkpoints._Session.is_resuming
 
 
 def test_view_layers_each_have_a_file_until_the_last_is_done(stage: Any, stop: Any, tmp_path: Path) -> None:
