@@ -37,7 +37,6 @@ SHORT_PASS_NAMES = {
     "Ambient Occlusion": "AO",
 }
 
-
 # The panel of an object's shading: Cycles' alone in 4.2, where what belongs to it stands with the visibility.
 SHADING_PANEL = "OBJECT_PT_shading" if VERSION >= (4, 3) else "OBJECT_PT_visibility"
 
@@ -61,8 +60,7 @@ def find_node_tree(owner: Any) -> Any:
 
 
 def inline_nodes(owner: Any) -> Any:
-    """Return what holds, as `node_tree`, the nodes of a material, world or light without zones and groups; None before
-    5.0, where there are no zones."""
+    """Return what holds, as `node_tree`, an owner's nodes without zones and groups; None before 5.0, without zones."""
     make = getattr(bpy.types, "InlineShaderNodes", None)
     return None if make is None else getattr(make, f"from_{owner.id_type.lower()}")(owner)
 
@@ -341,14 +339,12 @@ def set_high_range(denoise: Any) -> None:
 def split_bake_primitives(values: NDArray[np.float32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Return the triangle (n,) of each pixel of a bake, -1 of none, and the weights (n, 2) of its corners 0 and 1.
 
-    values : (n, 4) up to 4.x, a seed, the triangle, the weights; (n, 3) in 5.x, the weights, the triangle. The triangle
-        is a whole number in the bits of a float
+    values : (n, 4) up to 4.x, a seed, the triangle (whole, in a float's bits), the weights; (n, 3) in 5.x, these first
     """
     triangle, first = (1, 2) if values.shape[1] == 4 else (2, 0)
     return values.view(np.int32)[:, triangle].copy(), values[:, first : first + 2].copy()
 
 
 def read_voxel_interpolation(material: Any) -> str:
-    """Return how a material, or None, reads between voxels: "linear" or "cubic"; Cycles has the choice, where it is
-    switched on."""
+    """Return how a material, or None, reads between voxels, "linear" or "cubic": Cycles, where it is on, has both."""
     return str(getattr(getattr(material, "cycles", None), "volume_interpolation", "LINEAR")).lower()
