@@ -107,7 +107,7 @@ def run_into(output: Any, *arguments: object) -> subprocess.CompletedProcess[str
     )  # fmt: skip
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs a device that is always full")
 def test_numbers_that_find_no_room_or_no_reader_are_an_error_in_one_line(blend: Path, tmp_path: Path) -> None:
     size = ("--size", "8x8", "--samples", 8)
     with open("/dev/full", "wb") as full:

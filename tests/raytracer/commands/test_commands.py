@@ -147,7 +147,7 @@ def test_a_name_beyond_the_encoding_of_the_console_is_printed_with_escapes(tmp_p
     assert raytracer.load_film(output).samples == 1
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs a device that is always full")
 def test_what_finds_no_room_on_standard_output_says_where(tmp_path: Path, scene_file: Path) -> None:
     output = tmp_path / "film.npz"
     command = [sys.executable, "-m", "raytracer", "render", scene_file, "-o", output, *SIZE, "--samples", "1"]
