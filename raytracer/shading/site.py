@@ -331,14 +331,20 @@ class Site:
         return replace(self, surface=replace(self.surface, position=position))
 
     def shift(self, offset: Floats) -> Site:
-        """Return the site moved by (n, 3) metres within the plane of each triangle: position and barycentric weights.
+        """Return the site moved by (n, 3) metres within each triangle's plane: position and barycentric weights."""
+        return replace(self, surface=replace(self.surface, position=self.position + offset)).slide(offset)
+
+    def slide(self, offset: Floats) -> Site:
+        """Return the site whose barycentric weights alone, which attributes are read by, are moved.
 
         d = db e1 + dc e2 with the edges e1, e2: db = (d x e2) . n / n . n and dc = (e1 x d) . n / n . n, n = e1 x e2.
         """
         surface = self.surface
         assert surface.barycentric is not None
+        rows = np.flatnonzero(self.is_triangle & (offset != 0).any(axis=1))
+        if not len(rows):
+            return self
         weights = surface.barycentric.copy()
-        rows = np.flatnonzero(self.is_triangle)
         a, b, c = world_corners(self.tables.geometry, surface.instance[rows], surface.primitive[rows])
         first, second, moved = b - a, c - a, offset[rows]
         normal = cross(first, second)
@@ -346,4 +352,4 @@ class Site:
         square = np.where(square > 0, square, 1.0)
         weights[rows, 0] += dot(cross(moved, second), normal) / square
         weights[rows, 1] += dot(cross(first, moved), normal) / square
-        return replace(self, surface=replace(surface, position=surface.position + offset, barycentric=weights))
+        return replace(self, surface=replace(surface, barycentric=weights))

@@ -79,8 +79,8 @@ def bump(
     width = spread(np.broadcast_to(np.asarray(filter_width, float), (count,)))
     site = replace(site, apart=width[:, 0] * site.footprint)
     centre, right, up = (
-        np.broadcast_to(evaluate(height, place.put_back() if of_object else place), (count,))
-        for place in (site, site.shift(along * width), site.shift(across * width))
+        np.broadcast_to(evaluate(height, _look_beside(site, offset, of_object)), (count,))
+        for offset in (np.zeros((count, 3)), along * width, across * width)
     )
     normal = np.broadcast_to(np.asarray(normal, float), (count, 3))
     if of_object:
@@ -95,6 +95,19 @@ def bump(
     blended = normalize(share * raised + (1.0 - share) * normal)
     found = np.where((raised != 0).any(axis=1, keepdims=True), blended, normal)
     return site.normal_to_world(found) if of_object else found
+
+
+def _look_beside(site: Site, offset: Array, of_object: bool) -> Site:
+    """Return the site an offset (n, 3) further in the flat surface.
+
+    Attributes change the other way on back faces, as in Cycles, whose parameters of a surface run backwards there: what
+    stands out in front is sunk in behind, while heights of positions stand out on both sides. Of a displaced surface
+    it is the position that changes the other way, for it is an attribute.
+    """
+    side = spread(np.where(site.front, 1.0, -1.0))
+    if of_object:
+        return site.shift(side * offset).put_back().slide(offset - side * offset)
+    return site.shift(offset).slide(side * offset - offset)
 
 
 def bevel(site: Site, radius: Any, normal: Any, *, samples: int) -> Array:

@@ -83,11 +83,16 @@ def make_tilted_plane(name: str) -> Any:
     return mesh
 
 
-def make_sheet(scene: Any, configurations: Mapping[str, Make]) -> tuple[int, int]:
-    """Lay a plane for each configuration under an orthographic camera; return columns and rows of planes."""
+def make_sheet(scene: Any, configurations: Mapping[str, Make], behind: bool = False) -> tuple[int, int]:
+    """Lay a plane for each configuration under an orthographic camera; return columns and rows of planes.
+
+    behind : True shows the camera their backs
+    """
     columns = int(np.ceil(np.sqrt(len(configurations))))
     rows = -(-len(configurations) // columns)
     mesh = make_tilted_plane("Plane")
+    if behind:
+        mesh.flip_normals()
     mesh.materials.append(None)
     for number, (name, make) in enumerate(configurations.items()):
         plane = bpy.data.objects.new(name, mesh)
@@ -129,10 +134,10 @@ def render_cycles(width: int, height: int) -> NDArray[np.float64]:
 
 
 def measure_differences(
-    scene: Any, configurations: Mapping[str, Make]
+    scene: Any, configurations: Mapping[str, Make], behind: bool = False
 ) -> tuple[dict[str, float], dict[str, NDArray[np.float64]], tuple[Any, ...]]:
     """Return the largest difference of each configuration, as a share of 1 + |value|, and both pictures of it."""
-    columns, rows = make_sheet(scene, configurations)
+    columns, rows = make_sheet(scene, configurations, behind)
     ours, warnings = render_centres(columns * CELL, rows * CELL)
     cycles = render_cycles(columns * CELL, rows * CELL)
     differences, pictures = {}, {}

@@ -67,11 +67,16 @@ X, Y = part(CENTRED, "X"), part(CENTRED, "Y")
 
 
 def assert_agreement(
-    configurations: dict[str, Make], bound: float, record: Callable[[str, object], None], share: float = 1.0
+    configurations: dict[str, Make],
+    bound: float,
+    record: Callable[[str, object], None],
+    share: float = 1.0,
+    behind: bool = False,
 ) -> None:
-    """Compare all configurations in one picture; `share` of each one's pixels have to be within the bound."""
+    """Compare all configurations in one picture, of planes or of their backs; `share` of each one's pixels have to be
+    within the bound."""
     scene = bpy.context.scene
-    _, pictures, warnings = measure_differences(scene, configurations)
+    _, pictures, warnings = measure_differences(scene, configurations, behind)
     assert not warnings
     failing, largest = {}, {}
     for name, (ours, cycles) in pictures.items():

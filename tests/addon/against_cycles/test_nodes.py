@@ -98,8 +98,9 @@ def test_colors_stored_in_bytes_agree(empty_scene: Any, record_property: Any) ->
     assert_agreement(configurations, 1.0 / 255.0 / 20.0, record_property)
 
 
-def test_what_depends_on_shading_normals_agrees(empty_scene: Any, record_property: Any) -> None:
-    assert_agreement(SHADING_NORMALS, PACKED_NORMALS, record_property)
+@pytest.mark.parametrize("behind", [False, True])
+def test_what_depends_on_shading_normals_agrees(empty_scene: Any, record_property: Any, behind: bool) -> None:
+    assert_agreement(SHADING_NORMALS, PACKED_NORMALS, record_property, behind=behind)
 
 
 def test_math_agrees(empty_scene: Any, record_property: Any) -> None:

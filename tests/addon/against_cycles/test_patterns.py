@@ -215,8 +215,9 @@ BUMPS = {
 }
 
 
-def test_bump_agrees(empty_scene: Any, record_property: Any) -> None:
-    assert_agreement(BUMPS, PACKED_NORMALS, record_property)
+@pytest.mark.parametrize("behind", [False, True])
+def test_bump_agrees(empty_scene: Any, record_property: Any, behind: bool) -> None:
+    assert_agreement(BUMPS, PACKED_NORMALS, record_property, behind=behind)
 
 
 VORONOIS = {

@@ -300,6 +300,24 @@ def test_bump_of_a_linear_height_is_the_slope():
     np.testing.assert_allclose(found, np.tile(wanted, (4, 1)), atol=1e-9)
 
 
+@pytest.mark.parametrize(("source", "slope"), [("NEW_GEOMETRY Position", -0.5), ("ATTRIBUTE Vector", 0.5)])
+def test_a_bump_of_attributes_is_sunk_in_on_back_faces(source, slope):
+    """Seen from behind, a height of the attribute u is the surface z = -d u, one of the position x still z = d x."""
+    vertices, triangles = meshes.make_quad()
+    reversed_ = Mesh(vertices, triangles[:, ::-1], uvs=uvs())
+    read_source = Step(source, (), {"name": "uv"} if source.startswith("ATTRIBUTE") else {})
+    output = OPERATIONS[source].outputs[0]
+    height = Program([read_source, Step("SEPXYZ", (Register(0, output),))], Register(1, "X"))
+    steps = [
+        Step("NEW_GEOMETRY Normal"),
+        Step("BUMP", (1.0, 0.5, 0.1, Register(0, "Normal")), {"height": height, "invert": False}),
+    ]
+    material = Material([Closure("diffuse", normal=Register(1, "Normal"))], program=Program(steps))
+    found = see(Scene([reversed_], materials=[material], camera=CAMERA), PLACES, passes=("Normal",))["Normal"]
+    wanted = np.array((slope, 0.0, 1.0)) / np.sqrt(1.25)
+    np.testing.assert_allclose(found, np.tile(wanted, (4, 1)), atol=1e-9)
+
+
 # Light ---------------------------------------------------------------------------------------------------------------
 
 
