@@ -19,6 +19,8 @@ def show_heat_map(heat: NDArray[np.float32]) -> Any:
     image = bpy.data.images.get(IMAGE_NAME)
     if image is None:
         image = bpy.data.images.new(IMAGE_NAME, width, height)
+    if tuple(image.size) == (0, 0):  # it was saved as a file that is gone
+        image.source = "GENERATED"
     if tuple(image.size) != (width, height):
         image.scale(width, height)
     pixels = np.ones((height, width, 4), dtype=np.float32)

@@ -50,10 +50,23 @@ class Job:
 
 
 class Running:
-    """A comparison that runs; `close` ends it and removes its files."""
+    """A comparison that runs; `close` ends it and removes its files.
+
+    Raises
+    ------
+    ComparisonError
+        If it cannot begin, with the reason.
+    """
 
     def __init__(self, scene: Any, view_layer: Any, kind: str, size: tuple[int, int], samples: int) -> None:
         self._files = OwnedFolder(FOLDER_PREFIX)
+        try:
+            self._begin(scene, view_layer, kind, size, samples)
+        except (RuntimeError, OSError) as error:  # no room for the file, say; Blender's operators raise the first
+            self._files.close()
+            raise ComparisonError(" ".join(str(error).removeprefix("Error: ").split())) from error
+
+    def _begin(self, scene: Any, view_layer: Any, kind: str, size: tuple[int, int], samples: int) -> None:
         self.folder = self._files.path
         package = CHILD.parents[1]
         self.job = Job(
@@ -73,15 +86,15 @@ class Running:
         bpy.ops.wm.save_as_mainfile(filepath=self.job.blend, copy=True, check_existing=False, compress=False)
         description = self.folder / "job.json"
         description.write_text(json.dumps(asdict(self.job)), encoding="utf-8")
-        self._log = (self.folder / "log.txt").open("wb")
-        # Nothing is ever said to its standard input: its end is how it knows of ours.
-        self._process = start_blender(
-            [*list_command(CHILD), str(description)],
-            self.folder,
-            stdin=subprocess.PIPE,
-            stdout=self._log,
-            stderr=self._log,
-        )
+        with (self.folder / "log.txt").open("wb") as log:
+            # Nothing is ever said to its standard input: its end is how it knows of ours.
+            self._process = start_blender(
+                [*list_command(CHILD), str(description)],
+                self.folder,
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=log,
+            )
 
     def is_done(self) -> bool:
         """Return whether the process has ended."""
@@ -124,7 +137,6 @@ class Running:
             self._process.wait()
         assert self._process.stdin is not None
         self._process.stdin.close()
-        self._log.close()
         self._files.close()
 
 

@@ -54,14 +54,16 @@ class _Compare:
 
     def execute(self, context: Any) -> set[str]:
         """Compare, and return when it is done."""
-        self._start(context)
+        if not self._start(context):
+            return {"CANCELLED"}
         assert _running is not None
         _running.wait()
         return self._finish(context)
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         """Compare while the user goes on working."""
-        self._start(context)
+        if not self._start(context):
+            return {"CANCELLED"}
         self._timer = context.window_manager.event_timer_add(POLL_SECONDS, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
@@ -93,13 +95,19 @@ class _Compare:
         """Blender ends the operator by itself, for instance before another file is loaded."""
         stop()
 
-    def _start(self, context: Any) -> None:
+    def _start(self, context: Any) -> bool:
+        """Begin, or report why that cannot be; return whether it runs."""
         global _running
         width, height = inspector.find_resolution(context.scene)
         size = self.width, max(4, round(self.width * height / width))
-        _running = Running(context.scene, context.view_layer, self.kind, size, self._count_samples())
+        try:
+            _running = Running(context.scene, context.view_layer, self.kind, size, self._count_samples())
+        except ComparisonError as error:
+            self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
+            return False
         state = context.window_manager.reference_raytracer_comparison
         state.is_running, state.progress = True, 0.0
+        return True
 
     def _count_samples(self) -> int:
         raise NotImplementedError

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Iterator
 from fractions import Fraction
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,6 +20,7 @@ from addon.compare.ray_cast import verdict
 from addon.compare.ray_cast.rays import Aimed
 from addon.compare.window import color_bar, describe, heat_map, job, operators, session
 from addon.inspector import session as inspector
+from raytracer.processes.folders import OwnedFolder
 from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage
 from tests.addon.inspector.test_inspector import describe_scene
 
@@ -226,3 +229,31 @@ def test_heat_map_has_the_top_row_on_top(stage: Any) -> None:
     np.testing.assert_array_equal(pixels[:2, :, :3], np.zeros((2, 5, 3)))
     assert heat_map.show_heat_map(np.ones((4, 4), dtype=np.float32)) == image
     assert tuple(image.size) == (4, 4)
+
+
+def test_heat_map_takes_the_place_of_one_whose_file_is_gone(stage: Any, tmp_path: Path) -> None:
+    image = heat_map.show_heat_map(np.zeros((3, 5), dtype=np.float32))
+    image.filepath_raw, image.file_format = str(tmp_path / "map.png"), "PNG"
+    image.save()
+    (tmp_path / "map.png").unlink()
+    image.reload()
+    shown = heat_map.show_heat_map(np.ones((4, 6), dtype=np.float32))
+    assert (shown.name, tuple(shown.size)) == (heat_map.IMAGE_NAME, (6, 4))
+    np.testing.assert_array_equal(shown.pixels[:], np.ones(4 * 4 * 6))
+
+
+def test_a_comparison_that_cannot_begin_says_why_and_leaves_no_files(
+    stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class FullFolder(OwnedFolder):
+        def __init__(self, prefix: str) -> None:
+            super().__init__(prefix)
+            (self.path / "scene.blend").mkdir()  # in whose place no file can be written
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(job, "OwnedFolder", FullFolder)
+    with pytest.raises(RuntimeError, match=r"^Error: (?!Python).*scene\.blend.*\n?$"):
+        bpy.ops.raytracer.compare_cycles(width=16, samples=1)
+    assert list(tmp_path.iterdir()) == []
+    assert operators._running is None
+    assert not bpy.context.window_manager.reference_raytracer_comparison.is_running
