@@ -29,9 +29,10 @@ def make_python_environment() -> dict[str, str]:
 
 
 def _list_import_paths() -> list[str]:
-    """Return where modules come from: this package first, then as in this process, without the working directory."""
+    """Return where modules come from: this package first, then as in this process, without the working directory and
+    what Python itself passes over, such as a script's Path."""
     package = str(Path(__file__).resolve().parents[__name__.count(".")])
-    return [package, *(path for path in sys.path if os.path.isabs(path) and path != package)]
+    return [package, *(path for path in sys.path if isinstance(path, str) and os.path.isabs(path) and path != package)]
 
 
 def start_process(command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:

@@ -81,7 +81,7 @@ class Running:
             blend=str(self.folder / "scene.blend"),
             package=package.name,
             root=str(package.parent),
-            paths=tuple(filter(None, sys.path)),
+            paths=tuple(path for path in sys.path if path and isinstance(path, str)),
         )
         bpy.ops.wm.save_as_mainfile(filepath=self.job.blend, copy=True, check_existing=False, compress=False)
         description = self.folder / "job.json"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -257,3 +258,12 @@ def test_a_comparison_that_cannot_begin_says_why_and_leaves_no_files(
     assert list(tmp_path.iterdir()) == []
     assert operators._running is None
     assert not bpy.context.window_manager.reference_raytracer_comparison.is_running
+
+
+def test_a_comparison_begins_whatever_a_script_put_among_the_import_paths(
+    stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path, tmp_path])  # Python passes over what is no text
+    running = job.Running(stage, bpy.context.view_layer, "ray_cast", (WIDTH, HEIGHT), 16)
+    running.close()
+    assert str(tmp_path) not in map(str, running.job.paths)

@@ -250,6 +250,13 @@ def test_workers_use_one_thread_and_neither_bpy_nor_the_working_directory(functi
     assert str(trap) not in path
 
 
+def test_workers_start_whatever_a_script_put_among_the_import_paths(functions, monkeypatch, tmp_path):
+    monkeypatch.setattr(sys, "path", [tmp_path, b"bytes", *sys.path])  # Python passes over what is no text
+    with Workers(1) as workers:
+        workers.load(functions.Scale, np.arange(5))
+        assert list(workers.run([3])) == [3]
+
+
 def test_nothing_is_written_to_the_temporary_folder(functions, tmp_path, monkeypatch):
     folder = tmp_path / "temporary"
     folder.mkdir()
