@@ -72,6 +72,7 @@ class Live:
         self._outline = b""
         self._job = self._forgotten = 0
         self._latest: Report | None = None
+        self._end: Report | None = None  # once the process is gone: of whatever is asked for from then on
         self._shown: Report | None = None
         self._closing = threading.Event()
         self._outbox: queue.SimpleQueue[Parcel | Job | Rest | None] = queue.SimpleQueue()
@@ -111,8 +112,10 @@ class Live:
 
     @property
     def report(self) -> Report | None:
-        """The newest report, of whatever job since `forget`."""
+        """The newest report, of whatever job since `forget`; that of the process' end stays."""
         latest = self._latest
+        if self._end is not None:
+            return self._end
         return latest if latest is not None and latest.job > self._forgotten else None
 
     @property
@@ -120,7 +123,7 @@ class Live:
         """True until the last job asked for since `forget` is finished."""
         latest = self._latest
         is_finished = latest is not None and latest.job == self._job and latest.is_finished
-        return self._job > self._forgotten and not is_finished
+        return self._job > self._forgotten and not is_finished and self._end is None
 
     @property
     def is_running(self) -> bool:
@@ -174,7 +177,7 @@ class Live:
     def _say_end(self) -> None:
         if not self.is_closed:
             end = f"the render process {self._child.describe_end()}"
-            self._latest = Report(self._job, is_finished=True, error=end)
+            self._end = Report(self._job, is_finished=True, error=end)
 
     def _watch(self) -> None:
         """End the process if it gives no sign of life; the life of a thread."""

@@ -154,6 +154,17 @@ def test_the_end_of_the_process_is_noticed(live: Live) -> None:
     live.draw(TARGET, "certified")
 
 
+def test_the_end_of_a_process_that_did_not_start_is_said_of_all_that_is_asked_for_later(live: Live) -> None:
+    kill(live.process_id)
+    wait_for(lambda: not live._threads[1].is_alive())  # it is known
+    live.set_scene(make_scene())
+    for _ in range(2):
+        live.draw(TARGET, "certified")
+        assert live.report is not None
+        assert "ended unexpectedly" in live.report.error
+        assert not live.is_drawing  # others need not share the workers with it
+
+
 def test_the_end_of_the_process_is_noticed_though_its_pipe_stays_open(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where another process was started at the same moment and got hold of it."""
     closed = threading.Event()
