@@ -64,6 +64,8 @@ def finish_caught(passes: PathPasses) -> None:
     backdrop = np.zeros((len(combined), 4))
     if passes.backdrop is not None:
         backdrop[:, :3], backdrop[:, 3] = passes.backdrop, 1.0
+        if "Environment" in passes.values:  # as in Cycles, what is behind catchers too
+            passes.values["Environment"] = passes.backdrop
     lit = combined[:, :3] - matte[:, :3]
     passes.values[CAUGHT] = np.concatenate(
         [lit, caught.catchers_only.values["Combined"][:, :3], opacity, backdrop], axis=1

@@ -152,14 +152,17 @@ APART, LEAST = 4.0, 1e-3
 
 
 def test_the_pass_of_catchers_and_those_beside_it_agree():
-    """Where the pass is asked for, Combined leaves the shadows to it; other passes of light leave catchers out."""
+    """Where the pass is asked for, Combined leaves the shadows to it; other passes of light leave catchers out, and
+    Environment has what is behind them."""
     scene = make_stage()
+    building.set_world((0.4, 0.5, 0.7), 0.5)
     add_lamp()
     layer = bpy.context.view_layer
     layer.lightgroups.add(name="lamps")
     for thing in scene.objects:
         thing.lightgroup = "lamps"
     names = ("Combined", "Shadow Catcher", "Diffuse Direct", "Diffuse Indirect", "Diffuse Color", "Combined_lamps")
+    names += ("Environment",)
     batches = 6
     for transparent in (True, False):
         scene.render.film_transparent = transparent

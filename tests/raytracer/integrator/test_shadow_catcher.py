@@ -155,6 +155,17 @@ def test_over_an_opaque_film_the_background_is_darkened():
     assert (over[:, 3] == 1).all()
 
 
+def test_the_environment_behind_a_catcher_is_that_of_an_opaque_film():
+    """As in Cycles: what Combined shows through the shadows; where the film is transparent nothing is behind them."""
+    world = raytracer.World((0.3, 0.2, 0.1))
+    scene = make_scene([GROUND, quad(-9, 0, 0.5)], [True, False], [OVERHEAD], world)
+    for transparent, behind in ((False, world.color), (True, 0.0)):
+        names = ("Combined", "Environment")
+        film = render(scene, 8, 1, 1, transparent=transparent, filter_width=0.0, passes=names)
+        assert not film["Environment"][0, :4].any()
+        np.testing.assert_allclose(film["Environment"][0, 4:], np.broadcast_to(behind, (4, 3)), rtol=1e-6)
+
+
 def test_what_lies_in_front_hides_the_catcher_by_its_own_alpha():
     """A pane that lets a quarter through shows the shadow in that quarter; the sun comes through it as well."""
     alpha = see(make_scene([GROUND, ROOF, quad(-9, 9, 0.5, PANE)], [True, False, False]))[:, 3]
