@@ -30,7 +30,7 @@ PANORAMAS = {
 
 # Cycles' clipping range, and sensor, for objects that are no cameras.
 OBJECT_CLIP_START, OBJECT_CLIP_END = 1e-5, 1e5
-SPOT_HALF_SENSOR, NEW_CONE = 16.0, math.radians(45.0)
+SPOT_HALF_SENSOR, NEW_CONE, OBJECT_LENS = 16.0, math.radians(45.0), 50.0
 MILLIMETRES = 1000.0
 # Cycles' limits.
 SMALLEST_FSTOP, SMALLEST_FOCUS = 1e-5, 1e-5
@@ -137,9 +137,14 @@ def find_focus(dof: Any, world_from_camera: NDArray[np.float64]) -> float:
 
 def make_object_camera(view: Any, world_from_camera: NDArray[np.float64], pixel_aspect: float) -> raytracer.Camera:
     """Return the camera that looks along the -z axis of an object that is none; a spot light shows its cone, other
-    lights that of a new one, for Blender keeps an angle in every light and shows it to Python in spots alone."""
+    lights that of a new one, for Blender keeps an angle in every light and shows it to Python in spots alone.
+
+    The half of 180 degrees in float32 is more than a right angle, of a tangent below 0: no lens, for Cycles either.
+    """
     cone = getattr(view.data, "spot_size", NEW_CONE) if view.type == "LIGHT" else 0.0
-    focal_length = SPOT_HALF_SENSOR / math.tan(cone / 2) if cone else 50.0
+    focal_length = SPOT_HALF_SENSOR / math.tan(cone / 2) if cone else OBJECT_LENS
+    if focal_length <= 0:
+        focal_length = OBJECT_LENS
     return raytracer.Camera(
         world_from_camera,
         focal_length=focal_length,

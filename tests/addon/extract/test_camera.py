@@ -131,3 +131,12 @@ def test_a_light_as_camera_has_blenders_view(scene_with_camera: Any, kind: str) 
     expected = holder.calc_matrix_camera(depsgraph, x=200, y=100)[0][0]
     camera = extract_camera(depsgraph.scene_eval, WarningList())
     assert 2.0 * camera.focal_length / camera.sensor_width == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_spot_light_of_180_degrees_as_camera_has_cycles_view(scene_with_camera: Any) -> None:
+    """Half of its cone has, in float32, a tangent below 0: Cycles then keeps the lens of objects that are no lights."""
+    light = bpy.data.lights.new("Light", "SPOT")
+    light.spot_size = np.pi
+    scene_with_camera.camera = bpy.data.objects.new("Light", light)
+    scene_with_camera.collection.objects.link(scene_with_camera.camera)
+    assert extract_camera(scene_with_camera, WarningList()).focal_length == 50.0
