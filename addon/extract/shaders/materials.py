@@ -54,6 +54,9 @@ def read_shine(socket: Any, builder: ProgramBuilder) -> Value | None:
     """Return all that shines of what feeds the output of a light or a world, as one color; None where nothing does."""
     closures = read_shader(socket, (), 1.0, builder)
     shining = [builder.scale(closure.color, closure.weight) for closure in closures if closure.kind == "emission"]
+    for closure in closures:
+        if closure.kind == "principled" and (isinstance(closure.emission, Register) or np.any(closure.emission)):
+            shining.append(builder.scale(builder.scale(closure.emission, closure.alpha), closure.weight))
     if not shining:
         return None
     total = shining[0]

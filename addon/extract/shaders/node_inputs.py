@@ -9,7 +9,7 @@ import numpy as np
 from raytracer.scene.programs import Register, Value
 
 from .node_settings import GENERATED
-from .nodes import Groups, WarningContext, find_socket, find_source, is_fed, read_color, read_number
+from .nodes import Groups, WarningContext, find_socket, find_way, is_fed, read_color, read_number
 from .programs import ProgramBuilder
 
 SMALLEST_IOR = 1e-5  # as in Cycles
@@ -81,7 +81,7 @@ class NodeInputs:
         socket = find_socket(self.node.inputs, identifier)
         if socket is None or not socket.enabled:
             return False
-        source = find_source(socket, self.groups).socket
-        if source.is_output or socket.type == "VECTOR":
-            return bool(source.is_output)
-        return read_number(source.default_value) != 0
+        way = find_way(socket, self.groups)
+        if way.source is not None or way.is_empty or socket.type == "VECTOR":
+            return way.source is not None
+        return read_number(way.hops[-1].socket.default_value) != 0

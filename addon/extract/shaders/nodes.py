@@ -59,10 +59,12 @@ class Way(NamedTuple):
 
     hops : the inputs that hand the value on, near end first
     source : the output of the node that computes it; None where the last hop's own value counts
+    is_empty : True where a group gives nothing, as it lacks its tree or an output node: that is 0
     """
 
     hops: list[Hop]
     source: Source | None = None
+    is_empty: bool = False
 
 
 # Types of nodes that show a tree of their own; those of the second kind are defined by add-ons.
@@ -81,6 +83,8 @@ def find_way(socket: Any, groups: Groups = ()) -> Way:
         passed = pass_through(link.from_socket, groups)
         if passed is None:
             return Way(hops, Source(link.from_socket, groups))
+        if passed.socket is None and not link.from_node.mute:
+            return Way(hops, is_empty=True)
         if passed.socket is None:
             break
         socket, groups = passed
@@ -102,9 +106,9 @@ def is_fed(socket: Any, groups: Groups = (), is_pure: bool = False) -> bool:
     is_pure : True where its node depends on its inputs alone
     """
     way = find_way(socket, groups)
-    if way.source is not None or len(way.hops) == 1:
+    if way.source is not None or (len(way.hops) == 1 and not way.is_empty):
         return way.source is not None
-    return versions.hands_on_values(socket, way.hops[-1].socket, is_pure)
+    return versions.hands_on_values(socket, way.hops[-1].socket, is_pure or way.is_empty)
 
 
 def pass_through(output: Any, groups: Groups) -> Source | None:

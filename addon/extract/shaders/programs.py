@@ -60,11 +60,13 @@ class Trail(NamedTuple):
     hops : the input sockets on the way, near end first, each with the kind of value that is wanted there
     source : what computes the value, or None
     constant : the output of a node that holds it, or None; without either, the last hop's own value counts
+    is_zero : True where it is 0 instead
     """
 
     hops: list[tuple[Any, str]]
     source: ComputedSocket | None = None
     constant: Any = None
+    is_zero: bool = False
 
 
 def follow(socket: Any, groups: Groups, kind: str) -> Trail:
@@ -75,7 +77,7 @@ def follow(socket: Any, groups: Groups, kind: str) -> Trail:
             return Trail(hops)
         hops.append((hop.socket, SOCKET_KINDS[hop.kind]))
     if way.source is None or way.source.socket.type not in SOCKET_KINDS:
-        return Trail(hops)
+        return Trail(hops, is_zero=way.is_empty)
     if way.source.socket.node.type in CONSTANT_NODES:
         return Trail(hops, constant=way.source.socket)
     return Trail(hops, ComputedSocket(way.source.socket, way.source.groups, hops[-1][0]))
@@ -149,6 +151,8 @@ class ProgramBuilder:
         elif trail.constant is not None:
             have = SOCKET_KINDS[trail.constant.type]
             value = read_constant(trail.constant, have)
+        elif trail.is_zero:
+            value = 0.0 if have == "number" else np.zeros(3)
         if value is None:
             value = read_constant(socket, have)
         for _, want in reversed(trail.hops):

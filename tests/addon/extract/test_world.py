@@ -34,6 +34,13 @@ def test_world_is_background_color_times_strength(world_tree: Any) -> None:
     assert not texts()
 
 
+def test_a_principled_shader_shines_in_a_world_as_far_as_it_emits(world_tree: Any) -> None:
+    """As in Cycles; less what its alpha lets through."""
+    add(world_tree, "ShaderNodeBsdfPrincipled", Emission_Color=(1, 0.5, 0.25, 1), Emission_Strength=2, Alpha=0.5)
+    assert_array_equal(extract().scene.world.color, (1, 0.5, 0.25))
+    assert not texts()
+
+
 def test_world_without_shader_is_black(world_tree: Any) -> None:
     assert extract().scene.world is None
 

@@ -208,6 +208,15 @@ def test_what_hands_nothing_on_leaves_a_texture_its_own_coordinates(tree: Any, k
     assert operations() == ["ATTRIBUTE Vector", "TEX_CHECKER"]
 
 
+def test_a_group_without_an_output_gives_black(tree: Any) -> None:
+    """As one whose library is missing; Cycles has it so in all versions."""
+    group = bpy.data.node_groups.new("Group", "ShaderNodeTree")
+    group.interface.new_socket("Out", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    tree.nodes["Emission"].inputs["Color"].default_value = (0.25, 0.5, 0.75, 1.0)
+    show(tree, add_node(tree, "ShaderNodeGroup", node_tree=group).outputs[0])
+    assert_array_equal(extract_color(), (0.0, 0.0, 0.0))
+
+
 @pytest.mark.parametrize(("hides", "is_fed"), [(True, False), (False, versions.VERSION >= (5, 0))])
 def test_a_vector_that_a_group_is_not_given_is_the_texture_s_own(tree: Any, hides: bool, is_fed: bool) -> None:
     """Unless the group shows what it takes instead."""
