@@ -18,13 +18,14 @@ class Finishing:
     def __init__(self) -> None:
         self._traced: Picture | None = None
         self._asked: Picture | None = None  # the picture that is, or was, without its noise
-        self._done: tuple[Picture, Picture] | None = None  # as traced, and denoised
+        # A picture as traced, denoised where it could be, and what there is to say of that.
+        self._done: tuple[Picture, Picture | None, str] | None = None
         self._is_closed = False
         self.status = ""
 
     @property
     def has_news(self) -> bool:
-        """True where a picture is done that `choose` has not returned."""
+        """True where a picture is done, or cannot be, that `choose` has not seen."""
         return self._done is not None
 
     def choose(self, picture: Picture | None, is_wanted: bool) -> Picture | None:
@@ -45,7 +46,8 @@ class Finishing:
             self._begin(traced)
         done, self._done = self._done, None
         if done is not None and is_wanted and done[0] is traced:
-            self.status, chosen = " | denoised", done[1]
+            _, denoised, self.status = done
+            chosen = chosen if denoised is None else denoised
         return chosen
 
     def _begin(self, picture: Picture) -> None:
@@ -53,15 +55,18 @@ class Finishing:
         threading.Thread(target=self._denoise, args=(picture,), name="raytracer-denoise", daemon=True).start()
 
     def _denoise(self, picture: Picture) -> None:
+        denoised = None
         try:
             # The lowest row is first here.
             upright = denoise(np.ascontiguousarray(picture.pixels[::-1]), {}, lambda: self._is_closed)
+            denoised, status = replace(picture, pixels=np.ascontiguousarray(upright[::-1])), " | denoised"
         except DenoiseError as error:
-            self.status = f" | not denoised: {error}"
+            status = f" | not denoised: {error}"
+        except MemoryError:
+            status = " | not denoised: not enough memory"
         except DenoiseCancelledError:
-            pass
-        else:
-            self._done = picture, replace(picture, pixels=np.ascontiguousarray(upright[::-1]))
+            return
+        self._done = picture, denoised, status
 
     def close(self) -> None:
         """Want no more."""

@@ -23,6 +23,7 @@ from addon.engine.statistics import last_render
 from addon.extract.warnings import Warning
 from addon.passes import enable_passes
 from addon.versions import has_denoiser, set_image_format
+from addon.viewport import finishing as in_viewport
 from addon.viewport.finishing import Finishing
 from raytracer.rendering.progressive import Picture
 from tests.addon.engine.engine_fixtures import make_stage
@@ -252,6 +253,28 @@ def test_viewport_drops_a_denoised_picture_of_another_view() -> None:
     moved = make_picture(1)
     assert finishing.choose(moved, True) is moved
     assert not finishing.has_news
+
+
+def test_viewport_says_why_it_is_not_denoised_and_asks_to_be_drawn_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    is_drawn = threading.Event()
+
+    def fail(*_: Any) -> None:
+        is_drawn.wait()
+        raise process.DenoiseError("no room")
+
+    monkeypatch.setattr(in_viewport, "denoise", fail)
+    finishing, last = Finishing(), make_picture(4)
+    assert finishing.choose(last, True) is last
+    is_drawn.set()
+    for thread in threading.enumerate():
+        if thread.name == "raytracer-denoise":
+            thread.join(60.0)
+    assert finishing.has_news
+    assert finishing.choose(None, True) is None
+    assert finishing.status == " | not denoised: no room"
+    assert not finishing.has_news
+    assert finishing.choose(make_picture(1), True) is not None
+    assert finishing.status == ""
 
 
 def run_render(output: Path, *more: str) -> subprocess.CompletedProcess[str]:
