@@ -34,8 +34,13 @@ class Upload:
         return len(self.bands) * self.rows >= len(self.picture.pixels)
 
     def can_go_on_with(self, picture: Picture) -> bool:
-        """True where the rest may come from another picture: one of the same pixels, with more samples."""
-        return place_of(picture) == place_of(self.picture) and picture.pixels.shape == self.picture.pixels.shape
+        """True where the rest may come from another picture: one of the same pixels, with more samples.
+
+        One with as many is the same without its noise, and one with fewer may show something else.
+        """
+        is_further = picture.samples > self.picture.samples
+        same_place = place_of(picture) == place_of(self.picture)
+        return is_further and same_place and picture.pixels.shape == self.picture.pixels.shape
 
 
 def place_of(picture: Picture) -> tuple[int, int, int, int]:

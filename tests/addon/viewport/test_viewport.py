@@ -374,6 +374,21 @@ def test_large_pictures_reach_the_screen_in_bands(monkeypatch: pytest.MonkeyPatc
     assert canvas._shown.picture.pixels.shape == (8, 64, 4)
 
 
+def test_a_denoised_picture_is_not_mixed_with_the_one_it_was_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    from addon.viewport import drawing
+
+    monkeypatch.setattr(drawing, "make_texture", lambda pixels: pixels.copy())
+    monkeypatch.setattr(drawing, "UPLOAD_SECONDS", 0.0)
+    canvas = Canvas()
+    canvas.take(make_picture(1024, 2 * BAND_PIXELS // 1024, 1.0, samples=8))
+    canvas.upload()
+    canvas.take(make_picture(1024, 2 * BAND_PIXELS // 1024, 2.0, samples=8))
+    while canvas.is_busy:
+        canvas.upload()
+    assert canvas._shown is not None
+    assert [band[0, 0, 0] for band in canvas._shown.bands] == [2.0, 2.0]
+
+
 def test_a_region_whose_engine_blender_freed_is_ended_and_the_others_are_drawn_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
