@@ -43,11 +43,12 @@ def find_panels() -> list[Any]:
 
 def is_joined(panel: Any) -> bool:
     """Return whether the engine shows a built-in panel."""
-    name = panel.__name__
+    name, engines = panel.__name__, getattr(panel, "COMPAT_ENGINES", None)
     if name in BORROWED:
         return True
     left_out = name in LEFT_OUT or name.startswith(LEFT_OUT_GROUPS)
-    return "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and not left_out
+    # Panels of other add-ons may list them in a tuple.
+    return isinstance(engines, set) and "BLENDER_RENDER" in engines and not left_out
 
 
 def all_subclasses(kind: Any) -> Iterator[Any]:

@@ -37,6 +37,16 @@ def test_unregister_leaves_built_in_panels_as_they_were(empty_scene: Any) -> Non
     assert {"RENDER_PT_format", "DATA_PT_lens", "RENDER_PT_color_management", *built_in.BORROWED} <= joined
 
 
+def test_a_panel_that_lists_its_engines_otherwise_is_left_alone(
+    empty_scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engines = ("BLENDER_RENDER", "CYCLES")  # as of another add-on; Blender itself only asks what is in it
+    monkeypatch.setattr(bpy.types.RENDER_PT_format, "COMPAT_ENGINES", engines)
+    addon.register()
+    addon.unregister()
+    assert engines == bpy.types.RENDER_PT_format.COMPAT_ENGINES
+
+
 def test_left_out_panels_are_not_joined(empty_scene: Any, registered: None) -> None:
     joined = {name for name, engines in find_compatible_engines().items() if ENGINE in engines}
     assert joined.isdisjoint(built_in.LEFT_OUT)
