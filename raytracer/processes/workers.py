@@ -43,10 +43,23 @@ class Workers:
 
     What a process was at work on when it ended is asked of another one, once. `load` puts a new process in the place
     of one that has ended.
+
+    Raises
+    ------
+    WorkerError
+        If a process cannot be started.
     """
 
     def __init__(self, count: int) -> None:
-        self._workers = [_Worker() for _ in range(count)]
+        self._workers: list[_Worker] = []
+        try:
+            for _ in range(count):
+                self._workers.append(_Worker())
+        except WorkerError:
+            for worker in self._workers:
+                worker.child.kill()
+                worker.close()
+            raise
         self._idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
         for worker in self._workers:
             self._idle.put(worker)
@@ -188,14 +201,16 @@ class Workers:
         with suppress(queue.Empty):
             while True:
                 idle.append(self._idle.get_nowait())
-        for number, worker in enumerate(self._workers):
-            if worker.loss or worker.child.process.poll() is not None:
-                worker.child.kill()
-                worker.close()
-                self._workers[number] = _Worker()
-                idle = [other for other in idle if other is not worker] + [self._workers[number]]
-        for worker in idle:
-            self._idle.put(worker)
+        try:
+            for number, worker in enumerate(self._workers):
+                if worker.loss or worker.child.process.poll() is not None:
+                    worker.child.kill()
+                    worker.close()
+                    self._workers[number] = _Worker()
+                    idle = [other for other in idle if other is not worker] + [self._workers[number]]
+        finally:
+            for worker in idle:
+                self._idle.put(worker)
 
     def _take_idle(self) -> _Worker:
         while True:
@@ -231,8 +246,13 @@ class _Worker:
 
     def __init__(self) -> None:
         self._door = Door()
-        self.child = Child(__name__, str(self._door.number), **self._door.options)
-        self._door.shut()
+        try:
+            self.child = Child(__name__, str(self._door.number), **self._door.options)
+        except OSError as error:  # too many processes, or files, for the system
+            self._door.close()
+            raise WorkerError(f"a worker process cannot be started: {error.strerror}") from error
+        finally:
+            self._door.shut()
         self.is_asked = False
         self.loss = ""
 

@@ -1,5 +1,6 @@
 """Worker processes: order, sharing, errors, and that nothing is left behind."""
 
+import errno
 import itertools
 import os
 import signal
@@ -210,6 +211,37 @@ def test_workers_that_were_lost_are_replaced_when_something_is_loaded(functions,
         assert list(workers.run(range(20))) == list(range(20))
         assert len(set(workers.process_ids)) == 2
         assert all(is_running(process_id) for process_id in workers.process_ids)
+
+
+def test_workers_that_cannot_be_started_are_an_error_in_words_and_leave_none_behind(functions, monkeypatch):
+    started, start = [], child.start_process
+
+    def refuse(*arguments, **options):
+        if len(started) == 2:
+            raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+        started.append(start(*arguments, **options))
+        return started[-1]
+
+    monkeypatch.setattr(child, "start_process", refuse)
+    with pytest.raises(WorkerError, match=r"^a worker process cannot be started: Resource temporarily unavailable$"):
+        Workers(3)
+    assert [process.poll() is None for process in started] == [False, False]
+
+
+def test_a_pool_whose_lost_worker_cannot_be_replaced_does_not_hang_the_next_time(functions, monkeypatch):
+    def refuse(*arguments, **options):
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    with Workers(2) as workers:
+        workers.load(functions.make, "sleep_less_later")
+        kill(workers.process_ids[0])
+        with monkeypatch.context() as patch:
+            patch.setattr(child, "start_process", refuse)
+            for _ in range(2):
+                with pytest.raises(WorkerError, match="cannot be started"):
+                    workers.load(functions.make, "sleep_less_later")
+        workers.load(functions.make, "sleep_less_later")
+        assert list(workers.run(range(20))) == list(range(20))
 
 
 def test_a_lost_workers_jobs_are_asked_of_another_one(functions):
