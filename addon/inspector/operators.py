@@ -50,7 +50,10 @@ class RAYTRACER_OT_inspect_pixel(bpy.types.Operator):
         if event.type in ("ESC", "RIGHTMOUSE"):
             return self._end(context, {"CANCELLED"})
         if event.type == "LEFTMOUSE" and event.value == "PRESS":
-            return self._end(context, self._pick(context, event))
+            try:
+                return self._pick(context, event)
+            finally:  # after an error, too: Blender would leave the cursor as it is
+                self._end(context, {"FINISHED"})
         return {"RUNNING_MODAL"}
 
     def cancel(self, context: Any) -> None:

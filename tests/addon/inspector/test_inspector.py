@@ -13,7 +13,7 @@ import pytest
 
 import addon
 from addon.engine.output import measure_picture
-from addon.inspector import describe, drawing, picking, segments, session
+from addon.inspector import describe, drawing, operators, picking, segments, session
 from addon.versions import find_node_tree
 from raytracer.integrator.traced_rays import CAMERA, REFLECTED
 from tests.addon.engine.engine_fixtures import make_stage
@@ -223,3 +223,20 @@ def test_rays_that_end_nowhere_are_as_long_as_the_cameras(room: Any) -> None:
     missed = lines.ends[lines.ray == 1][0]
     np.testing.assert_allclose(np.linalg.norm(missed[1] - missed[0]), 10.0, rtol=1e-5)
     assert (lines.colors[lines.ray == 1][0][:, 3] == (1.0, np.float32(segments.FADED))).all()
+
+
+def test_an_error_while_picking_gives_cursor_and_status_line_back(room: Any) -> None:
+    told: list[object] = []
+
+    def fail(context: Any, event: Any) -> None:
+        raise RuntimeError("unforeseen")
+
+    context = SimpleNamespace(
+        window=SimpleNamespace(cursor_modal_restore=lambda: told.append("cursor")),
+        workspace=SimpleNamespace(status_text_set=told.append),
+    )
+    kind = operators.RAYTRACER_OT_inspect_pixel
+    operator = SimpleNamespace(_pick=fail, _end=lambda *arguments: kind._end(operator, *arguments))
+    with pytest.raises(RuntimeError, match="unforeseen"):
+        kind.modal(operator, context, SimpleNamespace(type="LEFTMOUSE", value="PRESS"))
+    assert told == ["cursor", None]
