@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import raytracer
-from raytracer.scene.lights import Light, LightNodes
+from raytracer.scene.lights import Light, LightNodes, is_askew
 from raytracer.scene.programs import Register
 
 from .. import versions
@@ -126,9 +126,18 @@ def make_area(light: Any, matrix: Matrix, power: Color, normalize: bool, common:
     if np.linalg.det(matrix[:3, :3]) < 0:
         axis_v = -axis_v  # the front is -(u x v): keep it on the light's -z side in a mirror as well
     is_ellipse = light.shape in ("DISK", "ELLIPSE")
+    is_plain_ellipse = is_ellipse and common.get("nodes") is None  # nodes see along which sides it lies
+    leans = is_askew(axis_u, matrix[:3, 2]) or is_askew(axis_v, matrix[:3, 2])
+    if leans or (is_askew(axis_u, axis_v) and not is_plain_ellipse):
+        place.warn("sheared by an uneven scale of its parents: it has right angles, and shines straight from its face")
+    if is_askew(axis_u, axis_v):
+        axis_u, axis_v = (find_own_axes if is_plain_ellipse else set_upright)(axis_u, axis_v)
     area = np.linalg.norm(axis_u) * np.linalg.norm(axis_v) * (math.pi / 4 if is_ellipse else 1.0)
     if area == 0:
         place.warn("an area light without area is left out")
+        return None
+    if not matrix[:3, 2].any():
+        place.warn("an area light scaled to zero along its axis has no direction and is left out")
         return None
     return raytracer.AreaLight(
         position=matrix[:3, 3],
@@ -139,3 +148,22 @@ def make_area(light: Any, matrix: Matrix, power: Color, normalize: bool, common:
         spread=read_angle(light.spread),
         **common,
     )
+
+
+def find_own_axes(axis_u: Matrix, axis_v: Matrix) -> tuple[Matrix, Matrix]:
+    """Return the axes of the ellipse that a sheared one is, on the same side.
+
+    u cos t + v sin t with the sides U S W of (u, v) is U S times a point that W turns, or mirrors, on the unit circle.
+    """
+    left, sizes, right = np.linalg.svd(np.stack([axis_u, axis_v], axis=1), full_matrices=False)
+    own_u, own_v = (left * sizes).T
+    return own_u, own_v * np.sign(np.linalg.det(right))
+
+
+def set_upright(axis_u: Matrix, axis_v: Matrix) -> tuple[Matrix, Matrix]:
+    """Return axes at right angles, of the nearest directions, that span the same area in the same proportion."""
+    left, _, right = np.linalg.svd(np.stack([axis_u, axis_v], axis=1), full_matrices=False)
+    width, height = np.linalg.norm(axis_u), np.linalg.norm(axis_v)
+    share = math.sqrt(np.linalg.norm(np.cross(axis_u, axis_v)) / (width * height))
+    upright_u, upright_v = (left @ right).T
+    return upright_u * width * share, upright_v * height * share

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.arrays.checks import require_choice
+from raytracer.arrays.types import Floats
 from raytracer.scene.fields import (
     ALL_SETS,
     SEEN_BY,
@@ -26,6 +27,8 @@ from raytracer.scene.media import Volume, check_volume
 from raytracer.scene.programs import Aovs, Program, Register, check_aovs, check_program, check_register
 from raytracer.scene.shapes import Instances
 
+# Axes of area lights, often in float32, may be so far from a right angle, as a cosine.
+LARGEST_SHEAR = 2.0**-12
 # Blender's default ray visibility of a light; shadow rays are not affected.
 LIGHT_SEEN_BY = SEEN_BY_ALL - SEEN_BY["camera"]
 
@@ -171,7 +174,7 @@ class AreaLight:
     """A flat light that emits `power` watts from its front, the side its -z axis points to.
 
     position : (3,) centre
-    axis_u, axis_v : (3,) float64, metres, the full width and height as vectors
+    axis_u, axis_v : (3,) float64, metres, the full width and height as vectors, at right angles
     shape : 'rectangle' or 'ellipse'
     spread : full opening angle of the emission, radians; pi is Lambertian
     """
@@ -196,9 +199,18 @@ class AreaLight:
         label = check_shared_fields(self)
         for name in ("position", "axis_u", "axis_v"):
             set_array(self, name, np.float64, (3,), label)
+        if is_askew(self.axis_u, self.axis_v):
+            given = self.axis_v.tolist()
+            raise ValueError(f"{label}: axis_v: expected a vector at right angles to axis_u, got {given}")
         set_light(self, "power", label)
         require_choice(self.shape, ("rectangle", "ellipse"), f"{label}: shape")
         set_number(self, "spread", 0.0, np.pi, label)
+
+
+def is_askew(axis_u: Floats, axis_v: Floats) -> bool:
+    """True where axes (3,) are not at right angles."""
+    lengths = np.sqrt((axis_u**2).sum()) * np.sqrt((axis_v**2).sum())
+    return bool(abs((axis_u * axis_v).sum()) > LARGEST_SHEAR * lengths)
 
 
 Light = PointLight | SpotLight | SunLight | AreaLight

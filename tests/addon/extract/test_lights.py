@@ -124,12 +124,13 @@ def test_dark_lights_and_portals_are_left_out(add_light: Callable[..., Any]) -> 
         ("AREA", {"energy": 1, "size": 0}, 1, "without area"),
         ("SUN", {"energy": 1}, 0, "scaled to zero"),
         ("SPOT", {"energy": 1}, 0, "scaled to zero"),
+        ("AREA", {"energy": 1}, (1, 1, 0), "scaled to zero"),
     ],
 )
 def test_light_that_cannot_be_is_named(
-    add_light: Callable[..., Any], kind: str, fields: dict[str, float], scale: float, words: str
+    add_light: Callable[..., Any], kind: str, fields: dict[str, float], scale: Any, words: str
 ) -> None:
-    add_light(kind, Matrix.Diagonal((scale, scale, scale, 1)), **fields)
+    add_light(kind, Matrix.Diagonal((*np.broadcast_to(scale, 3), 1)), **fields)
     extraction = extract()
     assert extraction.scene.lights == ()
     (warning,) = extraction.warnings

@@ -161,6 +161,10 @@ def make_full_scene():
             lambda: AreaLight((0, 0, 0), (1, 0, 0), (0, 1, 0), 1, shape="disk"),
             r"AreaLight '': shape: expected one of rectangle, ellipse, got 'disk'",
         ),
+        (
+            lambda: AreaLight((0, 0, 0), (1, 0, 0), (0.5, 1, 0), 1, name="Lamp"),
+            r"AreaLight 'Lamp': axis_v: expected a vector at right angles to axis_u, got \[0.5, 1.0, 0.0\]",
+        ),
         (lambda: World((1, 2)), r"World: color: expected shape \(3,\) float64, got \(2,\)"),
         (
             lambda: Camera(np.eye(4), projection="fisheye"),
