@@ -162,8 +162,13 @@ def remove_scale(matrix: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     ValueError
         If an axis has no length or is not finite.
     """
+    if not np.isfinite(matrix).all():
+        raise ValueError(
+            f"Camera '{name}' has a matrix with NaN or infinite numbers and sees nothing so: look at its location, "
+            "rotation and scale, and at what drives them"
+        )
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
-    if not (np.isfinite(matrix).all() and (lengths > 0).all()):
+    if not (lengths > 0).all():
         scale = ", ".join(f"{length:.3g}" for length in lengths)
         raise ValueError(
             f"Camera '{name}' has a scale of ({scale}) and sees nothing so: set the scale of the object, "

@@ -140,3 +140,9 @@ def test_a_spot_light_of_180_degrees_as_camera_has_cycles_view(scene_with_camera
     scene_with_camera.camera = bpy.data.objects.new("Light", light)
     scene_with_camera.collection.objects.link(scene_with_camera.camera)
     assert extract_camera(scene_with_camera, WarningList()).focal_length == 50.0
+
+
+def test_a_camera_at_no_place_is_told_so(scene_with_camera: Any) -> None:
+    scene_with_camera.camera.location.x = np.nan
+    with pytest.raises(ValueError, match="Camera 'Camera' has a matrix with NaN or infinite numbers"):
+        extract_camera(bpy.context.evaluated_depsgraph_get().scene_eval, WarningList())
