@@ -73,10 +73,8 @@ def hands_on_values(target: Any, given: Any, is_pure: bool, version: tuple[int, 
 
 
 def find_output_node(node_tree: Any) -> Any:
-    """Return the active output node, or None.
-
-    A material may hold one output for Cycles and one for EEVEE; this engine follows Cycles, so Cycles' comes first.
-    """
+    """Return the active output node, or None. A material may hold one for Cycles and one for EEVEE; this engine follows
+    Cycles, so Cycles' comes first."""
     return node_tree.get_output_node("CYCLES") or node_tree.get_output_node("EEVEE")
 
 
@@ -184,10 +182,8 @@ def set_image_format(settings: Any, file_format: str) -> None:
 
 
 def read_image_format(settings: Any) -> dict[str, Any]:
-    """Return what `set_image_format` changes, and what Blender changes with it, in an order that can be set again.
-
-    Since 5.0 a movie's format is none of those of an image, so that the kind of media has to come first.
-    """
+    """Return what `set_image_format` changes, and what Blender changes with it, in an order that can be set again: the
+    kind of media first, for since 5.0 a movie's format is none of those of an image."""
     names = ("media_type", "file_format", "color_mode", "color_depth", "exr_codec")
     return {name: getattr(settings, name) for name in names if hasattr(settings, name)}
 
@@ -241,6 +237,11 @@ def read_light_bounces(light: Any) -> int | None:
     if settings is None or settings.max_bounces >= settings.bl_rna.properties["max_bounces"].default:
         return None
     return int(settings.max_bounces)
+
+
+def hides_lights_like_objects(version: tuple[int, ...] = VERSION) -> bool:
+    """Return True where instancers and indirect-only collections hide lights, too: since 5.0 (taken for 4.2 before)."""
+    return version >= (5, 0)
 
 
 def is_portal(light: Any) -> bool:

@@ -3,7 +3,7 @@
 References
 ----------
 Blender, intern/cycles/blender/object.cpp, light.cpp and shader.cpp: an instance belongs to the group of the object that
-it shows.
+it shows, and where that is in none to its instancer's.
 """
 
 from __future__ import annotations
@@ -31,11 +31,13 @@ def give_groups(scene: raytracer.Scene, extraction: Extraction, world: Any, pass
         return scene
     known = {thing.session_uid: thing.lightgroup for thing in bpy.data.objects}
 
-    def find(keys: Sequence[Any]) -> list[int]:
-        return [find_number(known.get(key.session_uid, ""), names) for key in keys]
+    def find(keys: Sequence[Any], instancers: Sequence[int]) -> list[int]:
+        pairs = zip(keys, instancers, strict=True)
+        return [find_number(known.get(key.session_uid, "") or known.get(shows, ""), names) for key, shows in pairs]
 
     of_world = NO_GROUP if world is None else find_number(world.lightgroup, names)
-    groups = raytracer.LightGroups(names, find(extraction.lights), find(extraction.objects), of_world)
+    lights = find(extraction.lights, extraction.light_instancers)
+    groups = raytracer.LightGroups(names, lights, find(extraction.objects, extraction.instancers), of_world)
     return replace(scene, light_groups=groups)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from raytracer.scene.fields import SEEN_BY
 
+from .. import versions
 from .adaptive import read_adaptive
 from .attributes import read_point_attributes
 from .instance_properties import InstanceReader
@@ -96,7 +97,7 @@ def find_part(shown: Any, source: Any, instancer: Any, context: Context) -> Obje
     if (of_voxels and not context.view_layer.use_volumes) or (shown.type == "CURVES" and not context.shows_strands):
         return None
     if not of_voxels and shown.type not in ("MESH", "POINTCLOUD", "CURVES"):
-        return make_light_part(shown, source, context) if shown.type == "LIGHT" else None
+        return make_light_part(shown, source, instancer, context) if shown.type == "LIGHT" else None
     if shown.type == "MESH" and not of_voxels and not context.shows_surfaces:
         return None
     key = source.original.session_uid, instancer.original.session_uid, shown.data.as_pointer()
@@ -150,10 +151,13 @@ def make_part(shown: Any, source: Any, instancer: Any, context: Context, of_voxe
     return PartEntry(part, entry, list_keys(materials, context), tuple(names), sources, own.records)
 
 
-def make_light_part(shown: Any, source: Any, context: Context) -> ObjectEntry | None:
+def make_light_part(shown: Any, source: Any, instancer: Any, context: Context) -> ObjectEntry | None:
     if context.materials is None:
         return None
-    seen_by = sum(SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name))
+    if versions.hides_lights_like_objects():
+        seen_by = find_visibility(shown, instancer, context.view_layer)
+    else:
+        seen_by = sum(SEEN_BY[label] for name, label in RAY_VISIBILITY.items() if getattr(shown, name))
     if not seen_by & ~SEEN_BY["shadow"]:
         return None
     place = WarningContext(context.warnings, object=source.name_full)
@@ -168,4 +172,5 @@ def make_light_part(shown: Any, source: Any, context: Context) -> ObjectEntry | 
         seen_by=seen_by,
         shadow_catcher=shown.is_shadow_catcher,
         name_word=pack_name(source.name),
+        instancer=instancer.original.session_uid,
     )

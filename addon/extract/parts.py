@@ -53,6 +53,7 @@ class ObjectEntry:
     light_factor : of a light, what its nodes make of it
     name_word : what Cycles makes of the object's name, for its random number where it is no instance
     properties : names of those that its materials, or the nodes of a light, read of instances
+    instancer : `session_uid` of the original that shows it, which may be itself
     """
 
     object: ObjectKey
@@ -72,6 +73,7 @@ class ObjectEntry:
     caustics: tuple[bool, bool] = (False, False)
     properties: frozenset[str] = frozenset()
     density_by_scale: bool = False
+    instancer: int = 0
 
 
 # What an ObjectEntry is called from one extraction to the next: `session_uid` of object and instancer, the data's
@@ -182,6 +184,7 @@ def describe_object(shown: Any, source: Any, instancer: Any, context: Context, s
         name_word=pack_name(source.name),
         terminator=versions.read_terminator(shown),
         caustics=versions.read_caustics(shown),
+        instancer=instancer.original.session_uid,
     )
 
 

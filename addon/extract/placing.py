@@ -29,6 +29,7 @@ class Placed:
     """Records of the scene in the order of `Hits.instance`: mesh instances, then groups of spheres, of curves.
 
     objects : of those, light_objects : of the lights
+    instancers, light_instancers : `session_uid` of what shows each
     rows : the placements that the instances are; groups, hair : what the spheres and the curves are
     """
 
@@ -38,6 +39,8 @@ class Placed:
     lights: tuple[Light, ...]
     objects: tuple[ObjectKey, ...]
     light_objects: tuple[ObjectKey, ...]
+    instancers: tuple[int, ...]
+    light_instancers: tuple[int, ...]
     rows: tuple[int, ...]
     groups: tuple[PlacedPoints, ...]
     hair: tuple[PlacedStrands, ...]
@@ -60,7 +63,7 @@ def place_parts(
     links = make_link_sets(placements.links, warnings)
     meshes: list[int] = []
     spheres, groups, curves, hair, lights = [], [], [], [], []
-    sphere_objects, curve_objects, light_objects = [], [], []
+    sphere_parts, curve_parts, light_parts = [], [], []
     for row, index in enumerate(placements.part):
         part = placements.parts[index]
         if not finite[row]:
@@ -75,15 +78,15 @@ def place_parts(
             if part.points is not None:
                 spheres.append(replace(place_points(part, matrices[row], warnings), **info))
                 groups.append(PlacedPoints(row, part.points, matrices[row]))
-                sphere_objects.append(part.object)
+                sphere_parts.append(part)
             else:
                 curves.append(replace(place_strands(part, matrices[row], warnings), **info))
                 assert part.strands is not None
                 hair.append(PlacedStrands(row, part.strands, matrices[row]))
-                curve_objects.append(part.object)
+                curve_parts.append(part)
         elif (light := _place_light(placements, row, matrices[row], warnings)) is not None:
             lights.append(replace(light, receivers=links[index].receivers, blockers=links[index].blockers))
-            light_objects.append(part.object)
+            light_parts.append(part)
     if shapes is not None and len(meshes) > 1:
         meshes = _sort_rows(placements, meshes, matrices, shapes)
     parts = [placements.parts[placements.part[row]] for row in meshes]
@@ -104,9 +107,17 @@ def place_parts(
         caustics_receiver=_gather_caustics(parts, 1),
         volume_density=_measure_density(parts, matrices[np.asarray(meshes, dtype=np.intp)]),
     )
-    objects = (*(part.object for part in parts), *sphere_objects, *curve_objects)
-    records = instances, tuple(spheres), tuple(curves), tuple(lights)
-    return Placed(*records, objects, tuple(light_objects), tuple(meshes), tuple(groups), tuple(hair))
+    parts += [*sphere_parts, *curve_parts]
+    return Placed(
+        *(instances, tuple(spheres), tuple(curves), tuple(lights)),
+        objects=tuple(part.object for part in parts),
+        light_objects=tuple(part.object for part in light_parts),
+        instancers=tuple(part.instancer for part in parts),
+        light_instancers=tuple(part.instancer for part in light_parts),
+        rows=tuple(meshes),
+        groups=tuple(groups),
+        hair=tuple(hair),
+    )
 
 
 def _gather_links(links: list[LinkSets]) -> dict[str, NDArray[Any]]:

@@ -44,6 +44,7 @@ class Extraction:
     scene : raytracer.Scene
     objects : the object of each instance, numbered as `Hits.instance`: mesh instances, groups of spheres, of curves
     lights : the object of each light
+    instancers, light_instancers : `session_uid` of what shows each of these, which may be itself
     polygons : for each mesh of the scene (t,) int32, the Blender polygon of each triangle
     warnings : what could not be honoured
     """
@@ -51,6 +52,8 @@ class Extraction:
     scene: raytracer.Scene
     objects: tuple[ObjectKey, ...]
     lights: tuple[ObjectKey, ...]
+    instancers: tuple[int, ...]
+    light_instancers: tuple[int, ...]
     polygons: tuple[NDArray[np.int32], ...]
     warnings: tuple[Warning, ...]
 
@@ -190,4 +193,5 @@ def _extract_scene(
         diced[number].found.polygons.astype(np.int32) if number in diced else geometry.polygons
         for number, geometry in enumerate(meshes.geometries)
     )
-    return Extraction(record, placed.objects, placed.light_objects, polygons, warnings.records)
+    shown = placed.objects, placed.light_objects, placed.instancers, placed.light_instancers
+    return Extraction(record, *shown, polygons, warnings.records)

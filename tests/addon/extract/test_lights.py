@@ -364,6 +364,37 @@ def test_camera_may_be_a_spot_light(add_light: Callable[..., Any], scene_with_ca
     assert camera.clip_end == 1e5
 
 
+HIDES_LIGHTS = pytest.mark.skipif(
+    not versions.hides_lights_like_objects(), reason="only their own switches hide lights"
+)
+
+
+@HIDES_LIGHTS
+def test_a_light_of_an_indirect_only_collection_is_not_seen(add_light: Callable[..., Any]) -> None:
+    light, scene = add_light("AREA", energy=1), bpy.context.scene
+    collection = bpy.data.collections.new("Lights")
+    scene.collection.children.link(collection)
+    collection.objects.link(light)
+    scene.collection.objects.unlink(light)
+    light.visible_camera = True
+    assert extract().scene.lights[0].seen_by == SEEN_BY_ALL
+    bpy.context.view_layer.layer_collection.children["Lights"].indirect_only = True
+    assert extract().scene.lights[0].seen_by == SEEN_BY_ALL - SEEN_BY["camera"]
+
+
+@HIDES_LIGHTS
+def test_an_instancer_hides_the_lights_that_it_shows(add_light: Callable[..., Any]) -> None:
+    light, scene = add_light("AREA", energy=1), bpy.context.scene
+    light.visible_camera = True
+    instancer = bpy.data.objects.new("Instancer", None)
+    scene.collection.objects.link(instancer)
+    instancer.instance_type, instancer.instance_collection = "COLLECTION", bpy.data.collections.new("Lights")
+    instancer.instance_collection.objects.link(light)
+    scene.collection.objects.unlink(light)
+    instancer.visible_glossy = False
+    assert extract().scene.lights[0].seen_by == SEEN_BY_ALL - SEEN_BY["glossy"]
+
+
 @pytest.mark.parametrize("kind", ["POINT", "SPOT", "SUN", "AREA"])
 @pytest.mark.parametrize("energy", [np.nan, np.inf])
 def test_a_light_of_no_number_is_left_out_and_named(add_light: Callable[..., Any], kind: str, energy: float) -> None:
