@@ -16,12 +16,12 @@ from raytracer.arrays.types import Booleans, Floats
 from raytracer.arrays.vectors import normalize
 from raytracer.casting.geometry import Kind, join_id, transform_points, world_corners
 from raytracer.film.camera import find_on_film
-from raytracer.lecture import cross, dot
+from raytracer.lecture import dot
 from raytracer.shading.light_path import LightPath
 from raytracer.shading.probes import Probe
 from raytracer.shading.site_tables import TANGENT, UNDISPLACED, CameraView, SiteTables
 from raytracer.surfaces.surface import Surface
-from raytracer.surfaces.surface_tables import gather_corners
+from raytracer.surfaces.surface_tables import gather_corners, split_offset
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,21 +335,13 @@ class Site:
         return replace(self, surface=replace(self.surface, position=self.position + offset)).slide(offset)
 
     def slide(self, offset: Floats) -> Site:
-        """Return the site whose barycentric weights alone, which attributes are read by, are moved.
-
-        d = db e1 + dc e2 with the edges e1, e2: db = (d x e2) . n / n . n and dc = (e1 x d) . n / n . n, n = e1 x e2.
-        """
+        """Return the site whose barycentric weights alone, which attributes are read by, are moved."""
         surface = self.surface
         assert surface.barycentric is not None
         rows = np.flatnonzero(self.is_triangle & (offset != 0).any(axis=1))
         if not len(rows):
             return self
         weights = surface.barycentric.copy()
-        a, b, c = world_corners(self.tables.geometry, surface.instance[rows], surface.primitive[rows])
-        first, second, moved = b - a, c - a, offset[rows]
-        normal = cross(first, second)
-        square = dot(normal, normal)
-        square = np.where(square > 0, square, 1.0)
-        weights[rows, 0] += dot(cross(moved, second), normal) / square
-        weights[rows, 1] += dot(cross(first, moved), normal) / square
+        corners = world_corners(self.tables.geometry, surface.instance[rows], surface.primitive[rows])
+        weights[rows] += split_offset(*corners, offset[rows])
         return replace(self, surface=replace(surface, barycentric=weights))

@@ -209,6 +209,18 @@ def interpolate(weights: Floats, a: Floats, b: Floats, c: Floats) -> Floats:
     return total
 
 
+def split_offset(a: Floats, b: Floats, c: Floats, offset: Floats) -> Floats:
+    """Return by how much barycentric weights (n, 2) change as points of triangles move by (n, 3) within their planes.
+
+    d = db e1 + dc e2 with the edges e1, e2: db = (d x e2) . n / n . n and dc = (e1 x d) . n / n . n, n = e1 x e2.
+    """
+    first, second = b - a, c - a
+    normal = cross(first, second)
+    square = dot(normal, normal)
+    square = np.where(square > 0, square, 1.0)
+    return np.stack([dot(cross(offset, second), normal) / square, dot(cross(first, offset), normal) / square], axis=1)
+
+
 def gather_corners(table: CornerTable, mesh: Integers, primitive: Integers, weights: Floats) -> Floats:
     """Interpolate a corner table at n points, (n, width)."""
     rows = table.rows.take(table.first[mesh] + primitive, axis=0)  # (n, 3 corners)

@@ -1,5 +1,6 @@
 """Textures, images and bumps in our engine and in Cycles of the same Blender: each configuration shines from a quad."""
 
+from functools import partial
 from typing import Any
 
 import bpy
@@ -149,6 +150,32 @@ def texture(
     return build
 
 
+def texture_of_group(tree: Any, reads_alpha: bool) -> Any:
+    """Return the color of an Image Texture in a group that also hands on its alpha, which is read or not."""
+    group = bpy.data.node_groups.new("Group", "ShaderNodeTree")
+    output = group.nodes.new("NodeGroupOutput")
+    for name, kind in (("Color", "NodeSocketColor"), ("Alpha", "NodeSocketFloat")):
+        group.interface.new_socket(name, in_out="OUTPUT", socket_type=kind)
+    image = texture()(group).node
+    for number in (0, 1):
+        group.links.new(image.outputs[number], output.inputs[number])
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    if not reads_alpha:
+        return node.outputs["Color"]
+    inputs = {"Value": node.outputs["Color"], "Value_001": node.outputs["Alpha"]}
+    return add_node(tree, "ShaderNodeMath", inputs, operation="ADD").outputs[0]
+
+
+def texture_beside(tree: Any, mutes_link: bool) -> Any:
+    """Return the color of an Image Texture whose alpha feeds a node that leads nowhere."""
+    color = texture()(tree)
+    add_node(tree, "ShaderNodeMath", {"Value": color.node.outputs["Alpha"]})
+    if mutes_link:
+        tree.links[-1].is_muted = True
+    return color
+
+
 OUTSIDE = stretch(GENERATED, (3.1, 2.7, 2.3), (-1.03, -0.87, -0.6))
 IMAGES = {
     **{
@@ -169,6 +196,8 @@ IMAGES = {
     **{
         f"box {blend}": texture(vector=GENERATED, projection="BOX", projection_blend=blend) for blend in (0.0, 0.3, 1.0)
     },
+    **{f"of a group {read}": partial(texture_of_group, reads_alpha=read) for read in (False, True)},
+    **{f"beside {muted}": partial(texture_beside, mutes_link=muted) for muted in (False, True)},
     "of one pixel": texture(vector=OUTSIDE, image={"size": (1, 1)}),
     "of uvs": texture(image={"opaque": True}),
     "none": lambda tree: add_node(tree, "ShaderNodeTexImage").outputs["Color"],
