@@ -62,8 +62,8 @@ def test_paths_pass_one_surface_more_before_blender_5(version: tuple[int, ...], 
     assert versions.count_passages(2, version) == passages
 
 
-# Of Blender's panels those that ours may hang below: the wheel of 4.2.0 has both. Others are for `versions` to choose.
-PANELS_OF_THE_OLDEST = {"OBJECT_PT_visibility", "DATA_PT_EEVEE_light"}
+# Of Blender's panels those that ours may hang below: the wheel of 4.2.0 has all. Others are for `versions` to choose.
+PANELS_OF_THE_OLDEST = {"OBJECT_PT_visibility", "DATA_PT_EEVEE_light", "DATA_PT_lens"}
 
 LIST_PARENTS = """
 from addon import versions
