@@ -148,8 +148,9 @@ def render_view_layer(engine: Any, depsgraph: Any, view: str = "") -> None:
         traced = give_groups(traced, extraction, world, enabled_passes(view_layer))
         film = make_film(engine, traced, depsgraph, border, progress, kept)
         error = None if engine.is_preview else film.measure_error()
+        width, height = film.width, film.height  # a film that is used up has none
         is_denoised = False
-        if (film.width, film.height) == (border.width, border.height):  # a tile is no picture
+        if (width, height) == (border.width, border.height):  # a tile is no picture
             is_last = orders.find_order() is None and not is_finished_later(engine, scene, film)
             output.write_film(film, uses_up=is_last)
             output.note(describe_mattes(view_layer.name, things))
@@ -161,8 +162,8 @@ def render_view_layer(engine: Any, depsgraph: Any, view: str = "") -> None:
         engine.report({"WARNING"}, str(warning))
     taken = statistics.Statistics(
         passes=enabled_passes(view_layer),
-        width=border.width,
-        height=border.height,
+        width=width,
+        height=height,
         samples=film.samples,
         triangles=statistics.count_triangles(extraction.scene),
         rays=film.statistics.rays,

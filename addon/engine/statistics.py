@@ -17,7 +17,7 @@ class Statistics:
     """One frame: all its view layers together.
 
     passes : names of the passes rendered, as in `passes.PASSES`
-    width, height : pixels rendered (of the border, where one is set)
+    width, height : pixels rendered (of the border, or of a tile, where one is set)
     samples : samples per pixel that were finished
     triangles : triangles in the scene, each instance counted, of the largest view layer
     rays : rays cast, of every kind

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import signal
 import subprocess
 import sys
@@ -53,6 +54,8 @@ def test_tiles_that_are_merged_are_the_picture_as_exr_and_png(folder: Path) -> N
         merged = folder / f"merged{suffix}"
         assert run("merge", BLEND, *reversed(tiles), "-o", merged) == f"{merged}\n"
         np.testing.assert_array_equal(read_image(merged), read_image(folder / f"whole{suffix}"))
+    told = json.loads(run("render", BLEND, "-o", tiles[0], *OPTIONS, "--tile", "1/2", "--json"))
+    assert (told["width"], told["height"]) == (24, 10)
     done = run_command("merge", BLEND, tiles[1], "-o", folder / "no.png")
     assert (done.returncode, done.stdout) == (1, "")
     assert "a part is missing" in done.stderr
