@@ -27,6 +27,8 @@ def serve(name: str, folder: Path) -> None:
 
     sys.path.insert(0, str(PACKAGE.parent))
     module = import_module(f"{PACKAGE.name}.{name}")
+    for stream in (sys.stdin, sys.stdout):  # which have the system's encoding: on Windows none that knows all names
+        stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
     for order in sys.stdin:
         number, *words = order.rstrip("\n").split("\t")
         try:

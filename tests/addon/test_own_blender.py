@@ -35,6 +35,17 @@ def test_its_own_temporary_files_lie_in_the_folder(tmp_path: Path, monkeypatch: 
     assert list(elsewhere.iterdir()) == []
 
 
+def test_orders_are_understood_whatever_the_system_encodes_text_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on Windows, where pipes are not UTF-8; a grid may have any name."""
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with start_blender(list_orders_command("voxels.sampling", tmp_path), tmp_path, **pipes) as process:
+        said, _ = process.communicate("1\tdichte_\u00f6\n".encode())
+    assert b"\nFAILED 1 " in said
+
+
 def start_voxels() -> Any:
     reader = voxels.VoxelReader()
     reader._start()
