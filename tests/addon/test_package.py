@@ -109,7 +109,7 @@ def test_extension_installs_into_the_bpy_module_and_renders(package: Path, blend
 
 COMPARE_AND_INSPECT = """
 import bpy
-from bl_ext.user_default.reference_raytracer.comparing import session
+from bl_ext.user_default.reference_raytracer.compare.window import session
 bpy.context.scene.render.engine = "REFERENCE_RAYTRACER"
 assert bpy.ops.raytracer.compare_ray_cast(width=16, rays=4) == {"FINISHED"}
 print("numbers", session.find_outcome().numbers["ours_wrong"], session.find_outcome().numbers["rays"])
