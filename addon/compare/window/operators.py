@@ -93,6 +93,7 @@ class _Compare:
 
     def cancel(self, context: Any) -> None:
         """Blender ends the operator by itself, for instance before another file is loaded."""
+        context.window_manager.event_timer_remove(self._timer)
         stop()
 
     def _start(self, context: Any) -> bool:

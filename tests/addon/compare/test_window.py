@@ -121,6 +121,15 @@ def test_stopping_ends_the_process_and_removes_its_files(stage: Any) -> None:
     assert not running.folder.exists()
 
 
+def test_a_comparison_that_blender_ends_leaves_no_timer(stage: Any) -> None:
+    """As before another file is loaded into the same windows, whose timers go on."""
+    removed: list[object] = []
+    context = SimpleNamespace(window_manager=SimpleNamespace(event_timer_remove=removed.append))
+    operator = SimpleNamespace(_timer="timer")
+    operators.RAYTRACER_OT_compare_cycles.cancel(operator, context)
+    assert removed == ["timer"]
+
+
 def test_the_process_of_a_comparison_ends_with_its_parent(stage: Any) -> None:
     running = job.Running(stage, bpy.context.view_layer, "cycles", (WIDTH, HEIGHT), 4096)
     try:
