@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,8 @@ class Running:
         If it cannot begin, with the reason.
     """
 
+    _progress = 0.0
+
     def __init__(self, scene: Any, view_layer: Any, kind: str, size: tuple[int, int], samples: int) -> None:
         self._files = OwnedFolder(FOLDER_PREFIX)
         try:
@@ -106,8 +109,9 @@ class Running:
 
     def read_progress(self) -> float:
         """Return the share that is done, 0 to 1."""
-        path = self.folder / "progress.txt"
-        return float(path.read_text(encoding="utf-8")) if path.exists() else 0.0
+        with suppress(OSError):  # there is none yet, or Windows puts a new one in its place
+            self._progress = float((self.folder / "progress.txt").read_text(encoding="utf-8"))
+        return self._progress
 
     def read_outcome(self) -> Outcome:
         """Return what came out.

@@ -121,6 +121,23 @@ def test_stopping_ends_the_process_and_removes_its_files(stage: Any) -> None:
     assert not running.folder.exists()
 
 
+def test_progress_that_is_being_written_is_that_of_before(
+    stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On Windows a file that is put in another's place cannot be read at that moment."""
+    running = object.__new__(job.Running)
+    running.folder = tmp_path
+    assert running.read_progress() == 0.0
+    (tmp_path / "progress.txt").write_text("0.5", encoding="utf-8")
+    assert running.read_progress() == 0.5
+
+    def refuse(path: Path, encoding: str) -> str:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "read_text", refuse)
+    assert running.read_progress() == 0.5
+
+
 def test_a_comparison_that_blender_ends_leaves_no_timer(stage: Any) -> None:
     """As before another file is loaded into the same windows, whose timers go on."""
     removed: list[object] = []
