@@ -51,7 +51,8 @@ def run(job: dict[str, Any], folder: Path) -> Any:
     bpy.ops.wm.open_mainfile(filepath=job["blend"], load_ui=False)
     scene = bpy.data.scenes[job["scene"]]
     view_layer = scene.view_layers[job["view_layer"]]
-    scene.frame_set(job["frame"])
+    frame, subframe = job["frame"]
+    scene.frame_set(frame, subframe=subframe)
     results = import_module(f"{job['package']}.compare.results")
     size = job["width"], job["height"]
     if job["kind"] == "cycles":

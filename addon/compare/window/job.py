@@ -33,6 +33,7 @@ class Job:
     kind : 'cycles' or 'ray_cast'
     width, height : pixels of both pictures, or rays of the camera
     samples : per pixel, or rays of each other family
+    frame : a whole number, and what is behind its point
     package, root : this add-on's name, and the folder that it is in; paths : where its modules come from
     """
 
@@ -42,7 +43,7 @@ class Job:
     samples: int
     scene: str
     view_layer: str
-    frame: int
+    frame: tuple[int, float]
     folder: str
     blend: str
     package: str
@@ -79,7 +80,7 @@ class Running:
             samples=samples,
             scene=scene.name,
             view_layer=view_layer.name,
-            frame=scene.frame_current,
+            frame=(scene.frame_current, scene.frame_subframe),
             folder=str(self.folder),
             blend=str(self.folder / "scene.blend"),
             package=package.name,

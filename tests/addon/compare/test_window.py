@@ -101,6 +101,22 @@ def test_a_difference_is_said_in_words(kind: str) -> None:
     assert (icon, lines) == ("ERROR", ["Depth is off"])
 
 
+def test_between_two_frames_what_is_there_is_compared(stage: Any) -> None:
+    for frame, place in ((1, 0.0), (2, 2.0)):
+        stage.camera.location.x = place
+        stage.camera.keyframe_insert("location", frame=frame)
+    stage.frame_set(1, subframe=0.5)
+    middle = stage.camera.location.x
+    assert 0.0 < middle < 2.0
+    assert bpy.ops.raytracer.compare_ray_cast(width=WIDTH, rays=1) == {"FINISHED"}
+    outcome = session.find_outcome()
+    assert outcome is not None
+    places = [(entry.origin[0], entry.x) for entry in outcome.worst if entry.x >= 0]
+    assert places
+    for origin, column in places:
+        assert origin == pytest.approx(middle + column + 0.5 - WIDTH / 2)
+
+
 def test_failure_is_one_sentence(stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(job, "CHILD", job.CHILD.with_name("nothing.py"))
     with pytest.raises(RuntimeError, match=r"^Error: Blender ended with code 2: .*nothing\.py.*\n?$"):
