@@ -10,6 +10,7 @@ import shutil
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -30,14 +31,25 @@ class OwnedFolder:
     def close(self) -> None:
         """Remove the folder and all that is in it; may be called again."""
         self._owner.close()
-        shutil.rmtree(self.path, ignore_errors=True)
+        _remove(self.path)
 
 
 def sweep(prefix: str) -> None:
     """Remove the folders of processes that are gone."""
     for folder in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
         if _is_abandoned(folder / OWNER):
-            shutil.rmtree(folder, ignore_errors=True)
+            _remove(folder)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder; where something in it cannot be yet, as a file that is read on Windows, let the next one do it.
+
+    Only what has an OWNER is known to be ours.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    if folder.is_dir():
+        with suppress(OSError):
+            (folder / OWNER).touch()
 
 
 def _is_abandoned(owner: Path) -> bool:

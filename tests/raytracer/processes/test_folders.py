@@ -69,3 +69,22 @@ def test_the_next_sweeps_what_a_killed_process_leaves(place: Path) -> None:
     assert left.is_dir()
     OwnedFolder(PREFIX).close()
     assert list(place.iterdir()) == []
+
+
+def test_what_cannot_be_removed_yet_is_removed_by_the_next(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on Windows, where another program may just read a file that is in it."""
+    folder = OwnedFolder(PREFIX)
+    (folder.path / "scene.blend").write_bytes(b"x")
+
+    def remove_some(path: Path, ignore_errors: bool) -> None:
+        (path / OWNER).unlink()
+
+    with monkeypatch.context() as patch:
+        patch.setattr("shutil.rmtree", remove_some)
+        folder.close()
+        make_old(folder.path)
+        sweep(PREFIX)
+    assert (folder.path / "scene.blend").exists()
+    make_old(folder.path)
+    sweep(PREFIX)
+    assert list(place.iterdir()) == []
