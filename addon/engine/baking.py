@@ -181,7 +181,7 @@ def trace_points(
     settings = Settings(**keywords, passes=names)
     caster = raytracer.build(scene, settings.precision)
     with worker_pool.lend(count, len(points) * settings.samples, make_teller(engine)) as workers:
-        return bake(
+        values = bake(
             scene,
             caster,
             settings,
@@ -191,6 +191,9 @@ def trace_points(
             on_progress=engine.update_progress,
             is_cancelled=engine.test_break,
         )
+        if values is not None:
+            worker_pool.unload(workers)
+    return values
 
 
 def make_teller(engine: Any) -> Callable[[str], None]:

@@ -283,7 +283,8 @@ def trace(
             is_cancelled=engine.test_break,
             **settings,
         )
-        worker_pool.unload(workers, film)
+        if film.ended_by == "samples":
+            worker_pool.unload(workers)
     film.statistics.build_seconds = build_seconds
     return film
 

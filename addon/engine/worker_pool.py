@@ -11,8 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from raytracer.film.film import Film
-from raytracer.processes.workers import Workers
+from raytracer.processes.workers import WorkerError, Workers
 
 # Seconds without a render until the processes end: they keep some 60 MB each.
 IDLE_SECONDS = 300.0
@@ -58,10 +57,16 @@ def lend(count: int, paths: int, on_stage: Callable[[str], None]) -> Iterator[Wo
         _give_back(is_whole)
 
 
-def unload(workers: Workers | int, film: Film) -> None:
-    """Let the processes let go of their scene; those that still trace for a film that ended early do so later."""
-    if isinstance(workers, Workers) and film.ended_by == "samples":
-        workers.load(_hold_nothing)
+def unload(workers: Workers | int) -> None:
+    """Let the processes let go of their scene once all is done; those that still trace would have to be waited for.
+
+    Where that fails they end: the picture is there already.
+    """
+    if isinstance(workers, Workers):
+        try:
+            workers.load(_hold_nothing)
+        except WorkerError:
+            close()
 
 
 def close() -> None:

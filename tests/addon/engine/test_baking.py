@@ -175,6 +175,9 @@ def test_workers_and_one_process_bake_the_same(plane: Any, monkeypatch: pytest.M
     monkeypatch.setattr(worker_pool, "SMALLEST_PICTURE", 1)
     bpy.context.scene.reference_raytracer.workers = 2
     np.testing.assert_array_equal(bake("COMBINED"), alone)
+    workers = worker_pool._Session.workers
+    assert workers is not None
+    assert list(workers.run([0])) == [None]  # no scene is left in them
 
 
 def test_what_a_bake_does_not_honour_is_said_once(plane: Any, capfd: pytest.CaptureFixture[str]) -> None:

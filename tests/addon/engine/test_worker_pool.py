@@ -15,6 +15,7 @@ import pytest
 
 import addon
 from addon.engine import engine, worker_pool
+from raytracer.processes.workers import WorkerError, Workers
 from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage, render_pass
 from tests.folders import ROOT
 from tests.portable import is_running, kill
@@ -126,6 +127,24 @@ def test_after_an_error_the_next_render_has_new_processes(
     assert not any(map(is_running, before))
     render_pass(stage, tmp_path / "picture.exr")
     assert len(find_processes()) == 2
+
+
+def test_processes_lost_after_the_last_sample_cost_no_picture(
+    stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    picture = render_pass(stage, tmp_path / "picture.exr")
+    load = Workers.load
+
+    def lose(workers: Workers, factory: Any, *arguments: Any) -> None:
+        if factory is worker_pool._hold_nothing:
+            raise WorkerError("a worker process ended unexpectedly")
+        load(workers, factory, *arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Workers, "load", lose)
+        np.testing.assert_array_equal(render_pass(stage, tmp_path / "again.exr"), picture)
+    assert not find_processes()
+    np.testing.assert_array_equal(render_pass(stage, tmp_path / "anew.exr"), picture)
 
 
 def test_a_render_beside_another_one_has_processes_of_its_own() -> None:
