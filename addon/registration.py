@@ -29,9 +29,9 @@ def unregister() -> None:
     """Take out everything that `register` added."""
     atexit.unregister(_leave)
     held.unregister()
-    denoiser.close()
     while _registered:
         _registered.pop().unregister()
+    denoiser.close()  # viewports that still wait for it want no more by now
 
 
 def _leave() -> None:

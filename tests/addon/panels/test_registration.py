@@ -10,8 +10,10 @@ import pytest
 import addon
 from addon import handlers, inspector, panels, properties
 from addon.compare import window
+from addon.denoising import process
 from addon.panels import built_in, last_render, presets
 from addon.properties import ENGINE
+from addon.viewport.viewport import Viewport
 from tests.addon.panels.panel_fixtures import registered
 
 __all__ = ["registered"]  # a fixture
@@ -164,3 +166,23 @@ def test_leaving_handlers_that_others_have_emptied_is_harmless(empty_scene: Any)
     handlers.join(last_render.show_news, bpy.app.handlers.render_complete)
     assert len(bpy.app.handlers.render_complete) == count
     addon.unregister()
+
+
+def test_the_denoiser_ends_after_the_viewports_that_ask_it(empty_scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else unregistering would wait for a picture, and the next one that waits would start a process anew."""
+
+    class Engine:
+        pass
+
+    addon.register()
+    engine, closed = Engine(), []
+    region = Viewport(engine)
+    close = process.close
+
+    def note() -> None:
+        closed.append(region.finishing._is_closed)
+        close()
+
+    monkeypatch.setattr(process, "close", note)
+    addon.unregister()
+    assert closed == [True]
