@@ -46,13 +46,17 @@ class Process:
     def __init__(self) -> None:
         self._files = OwnedFolder(FOLDER_PREFIX)
         self._orders = 0
-        self._process = start_blender(
-            list_orders_command("denoising.compositor", self._files.path),
-            self._files.path,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
+        try:
+            self._process = start_blender(
+                list_orders_command("denoising.compositor", self._files.path),
+                self._files.path,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+            )
+        except OSError:
+            self._files.close()
+            raise
         self._said: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._listener = threading.Thread(target=self._listen, name="raytracer-denoiser", daemon=True)
         self._listener.start()

@@ -37,8 +37,9 @@ def finish_picture(
         denoised = denoise(film["Combined"], guides, engine.test_break)
     except DenoiseCancelledError:
         return False, ()
-    except DenoiseError as error:
-        return False, (Warning(f"Denoise: {error}; the picture is as it was traced"),)
+    except (DenoiseError, MemoryError) as error:
+        reason = "not enough memory" if isinstance(error, MemoryError) else error
+        return False, (Warning(f"Denoise: {reason}; the picture is as it was traced"),)
     output.write_film(film, Combined=denoised)
     output.note(NOTE_DENOISED)
     return True, ()

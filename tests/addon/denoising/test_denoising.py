@@ -206,6 +206,33 @@ def test_a_render_stays_as_it_was_traced_where_temporary_files_have_no_room(
     assert (taken.denoised, taken.warnings) == (False, (Warning(reason),))
 
 
+def test_a_render_stays_as_it_was_traced_where_denoising_lacks_memory(
+    noisy_scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any) -> None:
+        raise MemoryError
+
+    traced = render_noise(noisy_scene, tmp_path / "traced.exr")
+    noisy_scene.reference_raytracer.use_denoising = True
+    monkeypatch.setattr(finishing, "denoise", fail)
+    np.testing.assert_array_equal(render_noise(noisy_scene, tmp_path / "again.exr"), traced)
+    taken = last_render(noisy_scene)
+    assert taken is not None
+    reason = "Denoise: not enough memory; the picture is as it was traced"
+    assert (taken.denoised, taken.warnings) == (False, (Warning(reason),))
+
+
+def test_a_process_that_cannot_be_started_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(process, "start_blender", fail)
+    with pytest.raises(OSError, match="Resource temporarily unavailable"):
+        process.Process()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_denoising_is_off_and_starts_nothing_unasked(noisy_scene: Any, tmp_path: Path) -> None:
     settings = noisy_scene.reference_raytracer
     assert not settings.use_denoising
