@@ -26,3 +26,9 @@ def warn_working_space(warnings: WarningList) -> None:
             f"working space '{space}' is not supported: images of bytes, skies and blackbodies keep the numbers that "
             "they have in Linear Rec.709"
         )
+
+
+def warn_transparent_film(scene: Any, warnings: WarningList) -> None:
+    """Name Cycles' transparent glass, which shows on a transparent film alone."""
+    if scene.render.film_transparent and getattr(getattr(scene, "cycles", None), "film_transparent_glass", False):
+        warnings.add("Transparent Glass is not supported: alpha is that of opaque glass")

@@ -24,7 +24,7 @@ from .displacing import displace_meshes
 from .instance_order import Shapes
 from .instances import walk_instances
 from .kept import Kept
-from .left_out import warn_missing, warn_working_space
+from .left_out import warn_missing, warn_transparent_film, warn_working_space
 from .mesh_table import MeshTable
 from .motion import STEPS_OF_NEIGHBORS, Tracks, read_motion
 from .parts import Context, ObjectKey
@@ -138,6 +138,7 @@ def _extract_scene(
     warn_missing(depsgraph, warnings)
     if materials is not None:
         warn_working_space(warnings)
+        warn_transparent_film(scene, warnings)
     dicing = read_dicing(depsgraph) if needs_camera and not geometry_only else None
     with closing(VoxelReader()) as voxels:
         context = Context(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from addon.extract.camera import extract_camera
+from addon.extract.scene import extract_scene
 from addon.extract.warnings import WarningList
 from raytracer.film.camera import primary_rays
 from raytracer.scene.camera import Camera
@@ -146,3 +147,11 @@ def test_a_camera_at_no_place_is_told_so(scene_with_camera: Any) -> None:
     scene_with_camera.camera.location.x = np.nan
     with pytest.raises(ValueError, match="Camera 'Camera' has a matrix with NaN or infinite numbers"):
         extract_camera(bpy.context.evaluated_depsgraph_get().scene_eval, WarningList())
+
+
+@pytest.mark.parametrize(("transparent", "glass"), [(True, True), (True, False), (False, True)])
+def test_glass_that_shall_be_transparent_is_named(scene_with_camera: Any, transparent: bool, glass: bool) -> None:
+    scene_with_camera.render.film_transparent = transparent
+    scene_with_camera.cycles.film_transparent_glass = glass
+    found = extract_scene(bpy.context.evaluated_depsgraph_get()).warnings
+    assert ["Transparent Glass" in warning.text for warning in found] == [True] * (transparent and glass)
