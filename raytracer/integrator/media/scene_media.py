@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from raytracer.arrays.rows import largest_column
-from raytracer.arrays.types import Booleans, Floats, Integers, Vectors
+from raytracer.arrays.types import Booleans, Floats, Integers, Masks, Vectors
 from raytracer.casting.caster import Caster, build
 from raytracer.casting.inside import list_closed
 from raytracer.casting.layers import iterate_layers
@@ -24,10 +24,12 @@ from raytracer.casting.ray_visibility import SceneCaster
 from raytracer.casting.rays import Hits, Rays, make_rays
 from raytracer.casting.subset_caster import take_part
 from raytracer.integrator.paths import Paths
+from raytracer.integrator.scene_records import gather_records
 from raytracer.media.majorants import Majorants, make_majorants, place_majorants
 from raytracer.media.mixtures import Mixture
 from raytracer.media.stack import NOTHING, MediaStack, start_outside
 from raytracer.media.tracking import SumMedia
+from raytracer.scene.fields import SEEN_BY_ALL
 from raytracer.scene.scene import Scene
 from raytracer.shading.media import MediaTable, evaluate_media, make_media_table, sum_media
 from raytracer.surfaces.surface import make_surface
@@ -48,6 +50,7 @@ class SceneMedia:
     tables : of the scene's surfaces
     caster : of the objects that have media, and their numbers in the scene (objects,)
     closed : (media + 2,) bool, True where the object has an inside: no ray gets away from there without crossing it
+    seen_by : (media + 2,) uint8, bits of SEEN_BY, the classes of rays that meet the object; None where all meet all
     middle, reach : (3,) and metres, of the world's volume where that varies
     emits : True where a medium shines
     """
@@ -58,6 +61,7 @@ class SceneMedia:
     caster: Caster | None
     number: Integers
     closed: Booleans
+    seen_by: Masks | None
     middle: Floats
     reach: float
     emits: bool
@@ -73,6 +77,14 @@ class SceneMedia:
         if self.table.fills:
             inside = np.column_stack([inside, np.full(len(inside), self.table.world, np.int32)])
         return np.where(inside == NOTHING, self.table.world + 1, inside).astype(np.int32)
+
+    def list_met(self, stack: MediaStack, cast_as: Masks) -> Integers:
+        """Return what `list_inside` does, without the media of objects that rays of the classes (k,) do not meet: they
+        would never come to the border."""
+        inside = self.list_inside(stack)
+        if self.seen_by is None:
+            return inside
+        return np.where(self.seen_by[inside] & cast_as[:, np.newaxis], inside, self.table.world + 1).astype(np.int32)
 
     def find_varying(self, inside: Integers) -> Booleans:
         """Return (k,) True where any of media (k, d) varies."""
@@ -110,10 +122,13 @@ def make_scene_media(
         even = largest_column(table.constant.extinction)
         majorants = make_majorants(even, table.varies, boxes, matrices, partial(evaluate_media, table))
     closed = np.append(list_closed(scene)[table.instance[:-2]], (False, False))
+    seen_by = gather_records(scene, "seen_by", np.int32)[table.instance[:-2]]
+    hides = bool((seen_by != SEEN_BY_ALL).any())
+    classes = np.append(seen_by, (SEEN_BY_ALL, SEEN_BY_ALL)).astype(np.uint8) if hides else None
     part = build(take_part(scene, present), caster.primitives.precision) if present.any() else None
     number = np.flatnonzero(present).astype(np.int32)
     emits = bool(table.constant.emission.any()) or bool(table.varies.any())
-    return SceneMedia(table, majorants, tables, part, number, closed, middle, reach, emits)
+    return SceneMedia(table, majorants, tables, part, number, closed, classes, middle, reach, emits)
 
 
 def keep_media(media: SceneMedia, present: Booleans) -> SceneMedia | None:

@@ -74,7 +74,7 @@ def _pass_media(media: SceneMedia, shadows: Shadows, start: Numbers, end: Number
         return np.ones((len(start), 3))
     rays = shadows.rays
     direction = rays.directions / length(rays.directions)[:, np.newaxis]
-    inside = media.list_inside(shadows.immersed.stack)
+    inside = media.list_met(shadows.immersed.stack, shadows.cast_as)
     return find_passing(media, inside, rays.origins, direction, start, end, shadows.immersed.noise)
 
 

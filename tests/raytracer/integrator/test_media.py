@@ -153,6 +153,25 @@ def test_lights_are_seen_and_shine_through_media() -> None:
     np.testing.assert_allclose(measure(scene, 1)[0], decay(0.7 * 2), rtol=1e-5)
 
 
+@pytest.mark.parametrize("casts", [True, False])
+def test_light_that_starts_inside_a_medium_is_dimmed_where_that_throws_shadows(casts: bool) -> None:
+    """A wall in the middle of a box, lit by a sun and by a lamp 4 m before it, each as bright as 1."""
+    wall = Mesh(
+        positions=[(-0.9, 0, -0.9), (0.9, 0, -0.9), (0.9, 0, 0.9), (-0.9, 0, 0.9)],
+        triangles=[(0, 1, 2), (0, 2, 3)],
+        material=1,
+    )
+    seen_by = SEEN_BY_ALL if casts else SEEN_BY_ALL - SEEN_BY["shadow"]
+    scene = Scene(
+        meshes=[make_box(1.0), wall],
+        instances=Instances([0, 1], [np.eye(4)] * 2, seen_by=[seen_by, SEEN_BY_ALL]),
+        materials=[fill(absorb()), Material((Closure("diffuse", color=1.0),))],
+        lights=[SunLight((0.0, -1.0, 0.0), np.pi), PointLight((0.0, -4.0, 0.0), 4.0 * np.pi**2 * 16.0)],
+        camera=look(),
+    )
+    np.testing.assert_allclose(measure(scene, 1)[0], 2.0 * decay(0.7 * (2.0 if casts else 1.0)), rtol=1e-5)
+
+
 def test_light_that_comes_through_a_surface_comes_through_what_is_behind_it() -> None:
     """A translucent sheet with a medium behind it, and a lamp in that, 2 m away: P exp(-2 x) / (4 pi 2^2 pi)."""
     sheet = Mesh(positions=[(-5, 0, -5), (5, 0, -5), (5, 0, 5), (-5, 0, 5)], triangles=[(0, 1, 2), (0, 2, 3)])
