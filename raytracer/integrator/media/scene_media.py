@@ -29,7 +29,7 @@ from raytracer.media.majorants import Majorants, make_majorants, place_majorants
 from raytracer.media.mixtures import Mixture
 from raytracer.media.stack import NOTHING, MediaStack, start_outside
 from raytracer.media.tracking import SumMedia
-from raytracer.scene.fields import SEEN_BY_ALL
+from raytracer.scene.fields import SEEN_BY, SEEN_BY_ALL
 from raytracer.scene.scene import Scene
 from raytracer.shading.media import MediaTable, evaluate_media, make_media_table, sum_media
 from raytracer.surfaces.surface import make_surface
@@ -187,7 +187,7 @@ def _list_boxes(scene: Scene, table: MediaTable, middle: Floats, reach: float) -
 
 
 def start_inside(media: SceneMedia, rays: Rays) -> MediaStack:
-    """Return what camera rays start inside of, where their range begins."""
+    """Return what camera rays start inside of, where their range begins: of objects that the camera sees."""
     stack = start_outside(media.table.index, len(rays))
     valid = np.flatnonzero(rays.valid())
     if media.caster is None or not len(valid):
@@ -200,6 +200,8 @@ def start_inside(media: SceneMedia, rays: Rays) -> MediaStack:
     stack = MediaStack(stack.index, inside)
     if (rays.t_min[valid] > 0).any():
         inside[valid] = _go_ahead(media, stack.select(valid), rays.select(valid)).inside
+    if media.seen_by is not None:
+        inside = np.where(media.seen_by[inside] & SEEN_BY["camera"], inside, np.int32(NOTHING))
     return MediaStack(stack.index, inside)
 
 

@@ -172,6 +172,18 @@ def test_light_that_starts_inside_a_medium_is_dimmed_where_that_throws_shadows(c
     np.testing.assert_allclose(measure(scene, 1)[0], 2.0 * decay(0.7 * (2.0 if casts else 1.0)), rtol=1e-5)
 
 
+def test_a_camera_inside_a_medium_that_it_does_not_see_is_inside_of_nothing() -> None:
+    wall = Mesh(
+        positions=[(-5, 3, -5), (5, 3, -5), (5, 3, 5), (-5, 3, 5)], triangles=[(0, 1, 2), (0, 2, 3)], material=1
+    )
+    materials = [fill(absorb()), Material((Closure("emission", color=1.0),))]
+    for hidden, depth in ((0, 1.5), (SEEN_BY["camera"], 0.0)):
+        instances = Instances([0, 1], [np.eye(4)] * 2, seen_by=[SEEN_BY_ALL - hidden, SEEN_BY_ALL])
+        camera = look((0.0, -0.5, 0.0))
+        scene = Scene(meshes=[make_box(1.0), wall], instances=instances, materials=materials, camera=camera)
+        np.testing.assert_allclose(measure(scene, 1)[0], decay(0.7 * depth), rtol=TOLERANCE)
+
+
 def test_light_that_comes_through_a_surface_comes_through_what_is_behind_it() -> None:
     """A translucent sheet with a medium behind it, and a lamp in that, 2 m away: P exp(-2 x) / (4 pi 2^2 pi)."""
     sheet = Mesh(positions=[(-5, 0, -5), (5, 0, -5), (5, 0, 5), (-5, 0, 5)], triangles=[(0, 1, 2), (0, 2, 3)])
