@@ -17,6 +17,7 @@ from raytracer.integrator.integrator import Integrator
 from raytracer.integrator.path_passes import PathPasses
 from raytracer.integrator.paths import Paths, Wave
 from raytracer.lecture import length
+from raytracer.lights.instanced_emitters import find_materials
 from raytracer.surfaces.screen_motion import find_vectors
 
 # Cycles' default: Normal, UV, Depth and so on belong to the first surface at least this opaque.
@@ -24,10 +25,13 @@ OPAQUE_ENOUGH = 0.5
 
 
 def cut_holes(integrator: Integrator, passes: PathPasses, paths: Paths, hits: Hits) -> tuple[Paths, Hits]:
-    """End paths that go straight into a holdout object: black, and no part of the picture."""
+    """End paths that go straight into a holdout object: black, and no part of the picture. The mere border of a medium
+    is no hole, as in Cycles."""
     if integrator.holdout is None:
         return paths, hits
     cut = paths.direct & integrator.holdout[hits.instance]
+    if paths.media is not None:
+        cut &= ~paths.media.index.is_border[find_materials(integrator.tables, hits.instance, hits.primitive)]
     passes.background[paths.row[cut]] += mean_column(paths.throughput[cut])
     return paths.select(~cut), hits.select(~cut)
 

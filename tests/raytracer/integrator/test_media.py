@@ -172,6 +172,14 @@ def test_light_that_starts_inside_a_medium_is_dimmed_where_that_throws_shadows(c
     np.testing.assert_allclose(measure(scene, 1)[0], 2.0 * decay(0.7 * (2.0 if casts else 1.0)), rtol=1e-5)
 
 
+def test_the_border_of_a_medium_is_no_hole() -> None:
+    """As in Cycles: what is nothing but a volume has no surface to hold out; what has one is a hole with all of it."""
+    for material, expected in ((fill(absorb()), decay(0.7 * 2.0)), (Material(volume=Volume(absorb())), 0.0)):
+        instances = Instances([0], [np.eye(4)], holdout=[True])
+        scene = Scene(meshes=make_box(1.0), instances=instances, materials=material, camera=look(), world=WHITE)
+        np.testing.assert_allclose(measure(scene, 1)[0], np.broadcast_to(expected, 3), rtol=TOLERANCE)
+
+
 def test_a_camera_inside_a_medium_that_it_does_not_see_is_inside_of_nothing() -> None:
     wall = Mesh(
         positions=[(-5, 3, -5), (5, 3, -5), (5, 3, 5), (-5, 3, 5)], triangles=[(0, 1, 2), (0, 2, 3)], material=1
