@@ -39,6 +39,8 @@ SHORT_PASS_NAMES = {
 
 # The panel of an object's shading: Cycles' alone in 4.2, where what belongs to it stands with the visibility.
 SHADING_PANEL = "OBJECT_PT_shading" if VERSION >= (4, 3) else "OBJECT_PT_visibility"
+# Since 5.0 Blender joins nodes through groups and muted nodes: only what it computes before is converted on the way.
+CONVERTS_ON_THE_WAY = VERSION < (5, 0)
 
 
 def blender_pass_name(name: str, version: tuple[int, ...] = VERSION) -> str:
@@ -67,8 +69,7 @@ def inline_nodes(owner: Any) -> Any:
 
 def hands_on_values(target: Any, given: Any, is_pure: bool, version: tuple[int, ...] = VERSION) -> bool:
     """Return True where an input, `target`, takes what an unlinked input of a group says, `given`, not what its node
-    computes by itself: never up to 4.5; since 5.0 Blender joins groups, and does unless both hide their values, but
-    always where the node depends on its inputs alone, `is_pure`: then it computes that before."""
+    computes: never up to 4.5; since 5.0 unless both hide their values, and always if computed before, `is_pure`."""
     return version >= (5, 0) and (is_pure or not (target.hide_value and given.hide_value))
 
 

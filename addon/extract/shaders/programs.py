@@ -14,6 +14,7 @@ import numpy as np
 from raytracer.scene.programs import Program, Register, Step, Value
 from raytracer.shading.evaluate import OPERATIONS, fold_step, make_constant
 
+from ... import versions
 from .images import ImageTable
 from .node_settings import find_item, find_passed, is_of_hit, read_settings
 from .nodes import Groups, WarningContext, find_socket, find_way, identify, is_fed, read_number
@@ -143,7 +144,7 @@ class ProgramBuilder:
         return [trail.source for trail in trails if trail.source is not None]
 
     def _read(self, trail: Trail) -> Value:
-        """Return the value at the near end of a trail, converted at each of its sockets."""
+        """Return the value at the near end of a trail, converted there, and at sockets on the way that convert."""
         socket, have = trail.hops[-1]
         value = None
         if trail.source is not None and (value := self._known[trail.source.key]) is not None:
@@ -155,7 +156,9 @@ class ProgramBuilder:
             value = 0.0 if have == "number" else np.zeros(3)
         if value is None:
             value = read_constant(socket, have)
-        for _, want in reversed(trail.hops):
+        is_joined = isinstance(value, Register) or (trail.constant is not None and trail.constant.node.type == "RGB")
+        hops = trail.hops[:1] if is_joined and not versions.CONVERTS_ON_THE_WAY else trail.hops
+        for _, want in reversed(hops):
             value, have = self._convert(value, have, want), want
         return value
 

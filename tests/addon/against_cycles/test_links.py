@@ -12,7 +12,15 @@ import pytest
 from addon.versions import VERSION
 from tests.addon.against_cycles import node_fixtures
 from tests.addon.against_cycles.node_fixtures import add_node
-from tests.addon.against_cycles.node_sources import CENTRED, PACKED_NORMALS, SMOOTH, assert_agreement, attribute, make
+from tests.addon.against_cycles.node_sources import (
+    CENTRED,
+    PACKED_NORMALS,
+    SMOOTH,
+    STEEP,
+    assert_agreement,
+    attribute,
+    make,
+)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 
@@ -63,6 +71,47 @@ def test_what_hands_nothing_on_is_as_if_nothing_were_linked(empty_scene: Any, re
     }
     configurations = {f"{name} of {kind}": build(loose(kind)) for name, build in shown.items() for kind in LOOSE}
     assert_agreement(configurations, SMOOTH, record_property)
+
+
+def through_numbers(source: Any) -> Any:
+    """Return what makes a group that hands on what `source` makes, by sockets of numbers."""
+
+    def build(tree: Any) -> Any:
+        group = bpy.data.node_groups.new("Group", "ShaderNodeTree")
+        for name, side in (("In", "INPUT"), ("Out", "OUTPUT")):
+            group.interface.new_socket(name, in_out=side, socket_type="NodeSocketFloat")
+        start, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+        group.links.new(start.outputs[0], end.inputs[0])
+        node = add_node(tree, "ShaderNodeGroup", node_tree=group)
+        tree.links.new(source(tree), node.inputs[0])
+        return node.outputs[0]
+
+    return build
+
+
+def muted(kind: str, socket: str, source: Any) -> Any:
+    def build(tree: Any) -> Any:
+        node = add_node(tree, kind, {socket: source(tree)})
+        node.mute = True
+        return node.outputs[0]
+
+    return build
+
+
+def test_what_passes_sockets_of_another_kind_agrees(empty_scene: Any, record_property: Any) -> None:
+    color = attribute("Col")
+    sources = {
+        "color": color,
+        "vector": CENTRED,
+        "constant": make("ShaderNodeRGB"),
+        "computed before": make("ShaderNodeCombineXYZ", inputs={"X": 0.9, "Y": 0.4, "Z": -1.7}),
+    }
+    configurations = {name: through_numbers(source) for name, source in sources.items()}
+    configurations["twice"] = through_numbers(through_numbers(color))
+    configurations["number"] = make("ShaderNodeMath", inputs={"Value": through_numbers(color)}, operation="ADD")
+    configurations["muted"] = muted("ShaderNodeRGBToBW", "Color", color)
+    configurations["muted number"] = muted("ShaderNodeMath", "Value", CENTRED)
+    assert_agreement(configurations, STEEP, record_property)
 
 
 def test_inputs_of_groups_that_nothing_is_linked_to_agree(empty_scene: Any, record_property: Any) -> None:
