@@ -262,7 +262,6 @@ OPERATIONS = {
     ),
     "TEX_NOISE Fac": Operation(make_noise, _NOISE, ("Fac",), _NOISE_KINDS, links=_VECTOR),
     "TEX_NOISE Color": Operation(make_noise_color, _NOISE, ("Color",), _NOISE_KINDS, links=_VECTOR),
-    "TEX_WHITE_NOISE": Operation(
-        make_white_noise, ("Vector", "W"), ("Value", "Color"), ("noise_dimensions",), links=_VECTOR
-    ),
+    # Unlike other textures its own vector, one place, is what an unlinked input takes.
+    "TEX_WHITE_NOISE": Operation(make_white_noise, ("Vector", "W"), ("Value", "Color"), ("noise_dimensions",)),
 }

@@ -94,6 +94,7 @@ PATTERNS = {
         squash=0.7,
         squash_frequency=3,
     ),
+    "white noise of its own vector": make("ShaderNodeTexWhiteNoise", "Color", {"Vector": (0.3, 0.4, 0.5)}),
     **{
         f"white noise {dimensions}": make(
             "ShaderNodeTexWhiteNoise",
