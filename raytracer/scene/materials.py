@@ -41,9 +41,9 @@ SMALLEST_ASPECT = 1e-3
 CLOSURE_RANGES = {
     "weight": (0.0, np.inf),
     "ior": (float(np.nextafter(0.0, 1.0)), np.inf),
-    **dict.fromkeys(("roughness", "metallic", "transmission", "specular", "alpha"), (0.0, 1.0)),
+    **dict.fromkeys(("roughness", "metallic", "transmission", "alpha"), (0.0, 1.0)),
     **dict.fromkeys(("diffuse_roughness", "coat_roughness", "sheen_roughness"), (0.0, 1.0)),
-    **dict.fromkeys(("coat_weight", "sheen_weight"), (0.0, np.inf)),
+    **dict.fromkeys(("specular", "coat_weight", "sheen_weight"), (0.0, np.inf)),
     "coat_ior": (1.0, np.inf),
     "anisotropy": (-1.0, 1.0),
     "rotation": (-np.inf, np.inf),

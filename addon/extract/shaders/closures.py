@@ -43,7 +43,7 @@ def read_principled(inputs: NodeInputs) -> Fields:
         "roughness": inputs.number("Roughness", high=1.0),
         "ior": inputs.limited("IOR", SMALLEST_IOR, LARGEST_IOR),
         "transmission": inputs.number("Transmission Weight", high=1.0),
-        "specular": inputs.number("Specular IOR Level", high=1.0),
+        "specular": inputs.number("Specular IOR Level"),
         "specular_tint": inputs.color("Specular Tint"),
         # As in Cycles, a constant strength below 0 is none, while one that nodes compute takes light away.
         "emission": builder.scale(inputs.color("Emission Color"), inputs.number("Emission Strength")),

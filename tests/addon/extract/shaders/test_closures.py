@@ -204,6 +204,7 @@ def test_metallic_shader(tree: Any) -> None:
 
 def test_values_out_of_range_are_clamped_as_in_cycles(tree: Any) -> None:
     values = {"Metallic": 3.0, "Roughness": -1.0, "IOR": 0.0, "Base_Color": (-1, float("nan"), 2, 1)}
+    values |= {"Specular_IOR_Level": 3.0}
     node = add(tree, "ShaderNodeBsdfPrincipled")
     value = {}
     for name, wanted in values.items():
@@ -214,6 +215,7 @@ def test_values_out_of_range_are_clamped_as_in_cycles(tree: Any) -> None:
     closure = extract_closure()
     assert (closure.metallic, closure.roughness) == (1.0, 0.0)
     assert closure.ior > 0
+    assert closure.specular == 3.0
     assert_array_equal(closure.color, (0, 0, 2))
 
 
