@@ -108,7 +108,8 @@ def is_fed(socket: Any, groups: Groups = (), is_pure: bool = False) -> bool:
     way = find_way(socket, groups)
     if way.source is not None or (len(way.hops) == 1 and not way.is_empty):
         return way.source is not None
-    return versions.hands_on_values(socket, way.hops[-1].socket, is_pure or way.is_empty)
+    converts = any(hop.socket.type != socket.type for hop in way.hops)  # which makes it a value of its own
+    return versions.hands_on_values(socket, way.hops[-1].socket, is_pure or way.is_empty or converts)
 
 
 def pass_through(output: Any, groups: Groups) -> Source | None:

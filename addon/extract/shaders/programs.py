@@ -192,7 +192,10 @@ class ProgramBuilder:
         inputs = tuple(values.values())
         passed = find_passed(node, output, groups)
         if passed is not None:
-            return {operation.outputs[0]: inputs[operation.inputs.index(passed)]}
+            value = inputs[operation.inputs.index(passed)]
+            if node.type == "BUMP" and not isinstance(value, Register):
+                value = self._read_default(operation.links[passed])  # Cycles folds constant normals away before
+            return {operation.outputs[0]: value}
         return self.add(name, inputs, read_settings(self, node, name, groups, output))
 
     def _read_input(self, node: Any, name: str, identifier: str, groups: Groups) -> Value:

@@ -217,15 +217,20 @@ def test_a_group_without_an_output_gives_black(tree: Any) -> None:
     assert_array_equal(extract_color(), (0.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize(("hides", "is_fed"), [(True, False), (False, versions.VERSION >= (5, 0))])
-def test_a_vector_that_a_group_is_not_given_is_the_texture_s_own(tree: Any, hides: bool, is_fed: bool) -> None:
-    """Unless the group shows what it takes instead."""
-    group, start, end = make_group("Group", "NodeSocketVector")
+@pytest.mark.parametrize(
+    ("kind", "hides", "is_fed"), [("Vector", True, False), ("Vector", False, True), ("Color", True, True)]
+)
+def test_a_vector_that_a_group_is_not_given_is_the_texture_s_own(
+    tree: Any, kind: str, hides: bool, is_fed: bool
+) -> None:
+    """Unless the group shows what it takes instead, or that is converted; before Blender 5.0 always."""
+    group, start, end = make_group("Group", f"NodeSocket{kind}")
     group.interface.items_tree["In"].hide_value = hides
     image = add_node(group, "ShaderNodeTexImage", {"Vector": start.outputs[0]}, image=bpy.data.images.new("I", 2, 2))
     group.links.new(image.outputs[0], end.inputs[0])
     show(tree, add_node(tree, "ShaderNodeGroup", node_tree=group).outputs[0])
-    assert operations() == [*([] if is_fed else ["ATTRIBUTE Vector"]), "TEX_IMAGE"]
+    own = [] if is_fed and versions.VERSION >= (5, 0) else ["ATTRIBUTE Vector"]
+    assert operations() == [*own, "TEX_IMAGE"]
 
 
 def make_group(name: str, kind: str) -> tuple[Any, Any, Any]:
@@ -363,6 +368,15 @@ def test_alpha_is_read_on_whatever_way_it_comes_to_an_output(tree: Any, kind: st
 
 def find_value(sockets: Any) -> Any:
     return next((socket for socket in sockets if socket.name == "Value"), sockets[0])
+
+
+def test_a_bump_without_height_hands_on_what_is_computed_and_no_constant(tree: Any) -> None:
+    given = add_node(tree, "ShaderNodeCombineXYZ", {"X": 1.0})
+    bump = add_node(tree, "ShaderNodeBump", {"Normal": given.outputs[0]})
+    show(tree, bump.outputs[0])
+    assert operations() == ["NEW_GEOMETRY Normal"]
+    tree.links.new(tree.nodes.new("ShaderNodeNewGeometry").outputs["Tangent"], bump.inputs["Normal"])
+    assert operations() == ["TANGENT RADIAL"]
 
 
 def test_bump_runs_its_height_as_a_program_of_its_own(tree: Any) -> None:
