@@ -23,6 +23,8 @@ from .texture_mapping import map_texture
 
 # Blender's types of sockets, as kinds of values.
 SOCKET_KINDS = {"VALUE": "number", "INT": "number", "BOOLEAN": "number", "VECTOR": "vector", "RGBA": "color"}
+# Those that hand a value on; a color may pass where shaders do, to shine in the end.
+PASSED_KINDS = {**SOCKET_KINDS, "SHADER": "color"}
 # Nodes that hold their value in their output.
 CONSTANT_NODES = ("RGB", "VALUE")
 # The height of a Bump is evaluated at three points, so that one whose height depends on another, and so on to this
@@ -74,9 +76,9 @@ def follow(socket: Any, groups: Groups, kind: str) -> Trail:
     """Follow an input socket back through reroutes, muted nodes and groups."""
     way, hops = find_way(socket, groups), [(socket, kind)]
     for hop in way.hops[1:]:
-        if hop.kind not in SOCKET_KINDS:
+        if hop.kind not in PASSED_KINDS:
             return Trail(hops)
-        hops.append((hop.socket, SOCKET_KINDS[hop.kind]))
+        hops.append((hop.socket, PASSED_KINDS[hop.kind]))
     if way.source is None or way.source.socket.type not in SOCKET_KINDS:
         return Trail(hops, is_zero=way.is_empty)
     if way.source.socket.node.type in CONSTANT_NODES:

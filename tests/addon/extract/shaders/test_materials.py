@@ -209,6 +209,23 @@ def test_a_color_on_a_shader_socket_shines(tree: Any) -> None:
     assert not texts()
 
 
+@pytest.mark.parametrize("computed", [False, True])
+def test_a_color_shines_through_the_shader_sockets_of_a_group(tree: Any, computed: bool) -> None:
+    group, start, end = make_group("Group")
+    group.links.new(group.nodes.new("ShaderNodeUVMap").outputs[0] if computed else start.outputs[0], end.inputs[0])
+    node, mix = add_group(tree, group), add(tree, "ShaderNodeMixShader", Fac=1.0)
+    node.inputs[0].default_value = (0.25, 0.5, 1, 1)
+    color = tree.nodes.new("ShaderNodeRGB")
+    color.outputs[0].default_value = (0.25, 0.5, 1, 1)
+    tree.links.new(color.outputs[0], node.inputs[0])
+    tree.links.new(node.outputs[0], mix.inputs[2])
+    closure = extract_closure()
+    assert closure.kind == "emission"
+    assert closure.registers.keys() == ({"color"} if computed else set())
+    assert computed or closure.color.tolist() == [0.25, 0.5, 1]
+    assert not texts()
+
+
 @pytest.mark.parametrize(
     ("node", "kind", "color_input"),
     [
