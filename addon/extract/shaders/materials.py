@@ -22,7 +22,7 @@ from .aovs import read_aovs
 from .closures import CLOSURE_READERS, NodeInputs, read_stand_in, warn_unsupported
 from .images import ImageTable
 from .mixing import FedShader, read_parts
-from .nodes import Groups, WarningContext, find_link, find_source, read_color
+from .nodes import Groups, WarningContext, find_link, read_color
 from .programs import ProgramBuilder
 from .trees import find_tree
 from .volumes import VolumeBuilder, read_volume
@@ -181,7 +181,7 @@ def read_bump(material: Any, node_tree: Any, builder: ProgramBuilder) -> Registe
 def is_linked(socket: Any) -> bool:
     """Return whether a node computes what an input of an output node gets: as in Cycles no loose reroute, muted link,
     or group that leaves its output empty."""
-    return bool(find_source(socket).socket.is_output)
+    return FedShader.find(socket, ()).exists
 
 
 def read_output(output: Any, builder: ProgramBuilder) -> list[raytracer.Closure]:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from raytracer.scene.programs import Value
 
+from ... import versions
 from .closures import NodeInputs
 from .nodes import Groups, Source, find_source, identify, read_links_once
 from .programs import ProgramBuilder
@@ -69,7 +70,11 @@ class FedShader(NamedTuple):
 
     @property
     def exists(self) -> bool:
-        return bool(self.source.socket.is_output)
+        """True where a shader feeds the input, or a color that shines: an output, or what a group is given."""
+        found = self.source.socket
+        if found.is_output or found.type == "SHADER":
+            return bool(found.is_output)
+        return versions.hands_on_values(self.socket, found, True)
 
     @property
     def key(self) -> tuple[int, ...]:

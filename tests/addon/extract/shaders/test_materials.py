@@ -209,6 +209,16 @@ def test_a_color_on_a_shader_socket_shines(tree: Any) -> None:
     assert not texts()
 
 
+def test_a_color_that_a_group_is_given_shines_since_blender_5(tree: Any) -> None:
+    group, start, end = make_group("Group")
+    group.links.new(start.outputs[0], end.inputs[0])
+    node = add_group(tree, group)
+    node.inputs[0].default_value = (0.25, 0.5, 1, 1)
+    tree.links.new(node.outputs[0], tree.nodes[0].inputs[0])
+    found = [(closure.kind, closure.color.tolist()) for closure in extract_material().closures]
+    assert found == ([("emission", [0.25, 0.5, 1])] if versions.VERSION >= (5, 0) else [])
+
+
 @pytest.mark.parametrize("computed", [False, True])
 def test_a_color_shines_through_the_shader_sockets_of_a_group(tree: Any, computed: bool) -> None:
     group, start, end = make_group("Group")
