@@ -42,6 +42,10 @@ from raytracer.surfaces.surface_tables import (
     turn_normals,
 )
 
+# Times the bound on a point's error within which it may lie where its path was just before: the surface that that has
+# left may be larger, and so may be the bound there.
+SURROUNDINGS = 64.0
+
 
 def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
     """Return the surface where rays hit; every ray must have hit.
@@ -64,7 +68,7 @@ def make_surface(tables: SurfaceTables, rays: Rays, hits: Hits) -> Surface:
         strands = find_curve_points(tables.geometry, rays, hits)
         position, error, normal, shading = _mixed_surface(tables, rays, hits, is_triangle, strands)
     outgoing = -normalize(lay_columns(rays.directions))
-    layer = _find_tied_layers(tables, hits)
+    layer = _find_tied_layers(tables, rays, hits, error * tables.roundoff)
     return Surface(
         position=position,
         position_error=error * tables.roundoff,
@@ -89,11 +93,21 @@ def find_material(tables: SurfaceTables, hits: Hits) -> Integers:
     return tables.material[first + step * hits.primitive]
 
 
-def _find_tied_layers(tables: SurfaceTables, hits: Hits) -> NDArray[np.int64] | None:
-    """Return the layers (n,) of surfaces that may not lie alone, 0 of others; None where all are alone."""
+def _find_tied_layers(tables: SurfaceTables, rays: Rays, hits: Hits, error: Numbers) -> NDArray[np.int64] | None:
+    """Return the layers (n,) of surfaces that may not lie alone, 0 of others; None where all are alone.
+
+    error : (n,) metres, bound on that of the point
+
+    A ray that starts from a lone surface, and has not left its surroundings, says nothing of the side that its path
+    came from: where it starts tells that, outside the bound, and what it has met counts as alone, too.
+    """
     if hits.tied is None or tables.layers is None or not hits.tied.any():
         return None
-    layer, rows = np.zeros(len(hits), np.int64), np.flatnonzero(hits.tied)
+    rows = np.flatnonzero(hits.tied)
+    away = hits.distance[rows] * length(rays.directions[rows]) > SURROUNDINGS * error[rows]
+    if rays.departure is not None:
+        away |= rays.departure.reach[rows] >= 0
+    layer, rows = np.zeros(len(hits), np.int64), rows[away]
     layer[rows] = find_layers(tables, hits.instance[rows], hits.primitive[rows])
     return layer
 

@@ -13,6 +13,8 @@ from raytracer.integrator.settings import Settings
 from raytracer.sampling.sobol import SobolSamples
 from raytracer.scene.fields import SEEN_BY_ALL
 from raytracer.scene.materials import Closure, Material
+from raytracer.surfaces.places import make_order
+from raytracer.surfaces.surface import make_surface
 
 MATERIALS = {
     "red": Material((Closure("diffuse", color=(0.8, 0.2, 0.1)),)),
@@ -145,6 +147,22 @@ def test_nothing_shines_through_what_nothing_passes(name, matrix, precision):
     for order in permutations(range(len(parts))):
         scene = make_scene(parts, names, order, matrix, lights=(), world=None)
         assert not look(scene, matrix, precision)[:, :3].any()
+
+
+def test_what_a_path_meets_at_the_place_that_it_has_just_left_counts_as_alone():
+    """From a table beside rough glass into that: which side of the table the path came from, that way does not tell.
+    The rays down from there met nothing of the table, and saw what shines below."""
+    parts, names = STACKS["rough glass on a table"](0.0)
+    scene = make_scene(parts, names, range(2), TURNED)
+    caster = raytracer.build(scene)
+    tables = prepare(scene, caster, Settings()).tables
+    rays = make_rays(
+        [(3.8242109364224458e-01, 3.2210884361884595e-01, 2.8426109166682360e-13)],
+        [(-0.7396126785584951, 0.5017284810535018, 0.44859961771637086)],
+    )
+    hits = caster.closest_hit(rays.origins, rays.directions, order=make_order(tables))
+    assert hits.tied[0]
+    assert not make_surface(tables, rays, hits).layer.any()
 
 
 @pytest.mark.parametrize("name", STACKS)
