@@ -298,14 +298,12 @@ def find_adaptive(source: Any, is_render: bool) -> Any:
 
 
 def open_base(source: Any) -> Any:
-    """Return what an evaluated object's mesh is before its last subdivision, as an owner of `mesh_base` that has to
-    outlive it; None before Blender 5.0, which hands out none."""
+    """Return what owns `mesh_base`, the mesh before its last subdivision, and has to outlive it; None before 5.0."""
     return source.evaluated_geometry() if VERSION >= (5, 0) else None
 
 
 def has_denoiser() -> bool:
-    """Return True where Blender was built with OpenImageDenoise. Only Cycles tells: `bpy.app.build_options` does not,
-    and without it the compositor's node hands the picture on as it is."""
+    """Return True where Blender has OpenImageDenoise: Cycles tells, where the compositor's node just does nothing."""
     try:
         import _cycles
     except ImportError:
