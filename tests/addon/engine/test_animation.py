@@ -131,7 +131,7 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
 
     def render(scene: Any, width: int, height: int, **settings: Any) -> Any:
         asked.update(settings)
-        return SimpleNamespace(passes={}, statistics=SimpleNamespace(), width=32, height=32)
+        return SimpleNamespace(passes={}, statistics=SimpleNamespace(), width=32, height=32, ended_by="samples")
 
     reports: list[Any] = []
     preview = SimpleNamespace(
