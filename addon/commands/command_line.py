@@ -86,6 +86,8 @@ def main(argv: Sequence[str] | None = None, program: str = PROGRAM, names: Seque
     except KeyboardInterrupt:
         return _print_error("interrupted", interrupts.EXIT_CODE)
     except OSError as error:
+        from raytracer.commands.command_line import is_output_lost  # all of the ray tracer: not where nothing fails
+
         place = error.filename or ("standard output" if is_output_lost() else None)
         return _print_error(f"{place}: {error.strerror}" if place else str(error))
     except CommandError as error:
@@ -101,18 +103,6 @@ def main(argv: Sequence[str] | None = None, program: str = PROGRAM, names: Seque
 def _print_error(reason: str, code: int = 1) -> int:
     print(f"error: {' '.join(reason.split())}", file=sys.stderr)
     return code
-
-
-def is_output_lost() -> bool:
-    """Return whether standard output takes no more (a full disk, a pipe whose reader has gone); it leads nowhere then,
-    so that Python does not fail once more on what waits in its buffer when it ends."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        with open(os.devnull, "wb") as nowhere:
-            os.dup2(nowhere.fileno(), sys.stdout.fileno())
-        return True
-    return False
 
 
 def silence_blender() -> None:
