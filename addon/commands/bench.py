@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from importlib import import_module
+from pathlib import Path
 
 from .arguments import parse_names, parse_positive, parse_size
 from .command_line import CommandError
@@ -61,6 +62,10 @@ def add_picture_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenes", type=parse_names, default=(), metavar="A,B", help="scenes of equal_error; default: a choice"
     )
+    parser.add_argument(
+        "--keep", type=Path, metavar="FILE",
+        help="keep the rows of equal_error in FILE as they come, and do not measure again what is there",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -25,8 +25,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.benchmarks.kept_rows import keep_row, read_rows
 from tests.benchmarks.noise import FEWEST_RENDERS, SHARES, compare_seconds, jackknife, leave_one_out, measure_errors
 from tests.benchmarks.pictures import CYCLES, HEIGHT, OURS, SCENES, WIDTH, fit_line, fit_power, open_scene, set_samples
+from tests.benchmarks.timing import read_processor
 
 # A choice of scenes for a quicker report.
 SMALL = ("cornell_box", "hard_shadows", "penumbra", "plane_and_spheres", "glass", "still_life", "terrain", "hdri")
@@ -62,7 +64,8 @@ bpy.ops.render.render(write_still=True)
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is rendered: pixels, most samples, renders of each number of samples, scenes (none: a choice).
+    """How much is rendered: pixels, most samples, renders of each number of samples, scenes (none: a choice); and
+    `keep`, the file that rows are kept in as they come, and taken from if they are there.
 
     Raises
     ------
@@ -74,6 +77,7 @@ class Effort:
     most: int = 256
     renders: int = 8
     scenes: tuple[str, ...] = ()
+    keep: Path | None = None
 
     def __post_init__(self):
         if self.most < FEWEST * STEP:
@@ -107,13 +111,24 @@ def list_samples(most):
 
 def measure_equal_error(effort, large, progress):
     """Return a row for every scene and light: each engine's curve, and Cycles' times over ours."""
+    settings = [read_processor(), effort.size, effort.most, effort.renders]
+    kept = {(row["scene"], row["light"]): row for row in read_rows(effort.keep, settings)}
     rows = []
     for name in progress(list_scenes(effort, large), "equal error"):
-        process = {engine: measure_process(name, engine, effort.size) for engine in (OURS, CYCLES)}
-        for light, integrator in LIGHTS.items():
-            renders = render_scene(name, integrator, effort)
-            rows.append({"scene": name, "light": light, "process": process, **describe_renders(renders)})
+        for light in LIGHTS:
+            row = kept.get((name, light))
+            if row is None:
+                row = measure_row(name, light, effort)
+                keep_row(effort.keep, settings, row)
+            rows.append(row)
     return rows
+
+
+def measure_row(name, light, effort):
+    """Return the row of one scene and light: seconds of a whole process, the curves, and the ratios."""
+    process = {engine: measure_process(name, engine, effort.size) for engine in (OURS, CYCLES)}
+    renders = render_scene(name, LIGHTS[light], effort)
+    return {"scene": name, "light": light, "process": process, **describe_renders(renders)}
 
 
 def render_scene(name, integrator, effort):

@@ -39,7 +39,7 @@ def measure_sections(arguments, loaders=None, progress=show_progress):
         os.environ[variable] = "1"
     numbers = {"machine": describe_machine(), "settings": list_settings(arguments)}
     peers, skipped = load_peers(find_loaders() if loaders is None else loaders)
-    rendered = PictureEffort(*(getattr(arguments, name) for name in PICTURE_SETTINGS))
+    rendered = PictureEffort(*(getattr(arguments, name) for name in PICTURE_SETTINGS), keep=arguments.keep)
     effort = Effort(arguments.rays, arguments.speed_rays, arguments.rounds, arguments.seed)
     numbers["versions"] = {peer.name: peer.version for peer in peers}
     numbers["skipped"] = skipped

@@ -247,7 +247,13 @@ def test_casts_take_turns() -> None:
 
 def ask_for(**changes: Any) -> argparse.Namespace:
     settings = {"sections": ["accuracy"], "rays": 5, "speed_rays": 64, "rounds": 1, "seed": 0, "large": False}
-    pictures = {"picture_size": (24, 16), "picture_samples": 16, "picture_renders": 5, "scenes": ("penumbra",)}
+    pictures = {
+        "picture_size": (24, 16),
+        "picture_samples": 16,
+        "picture_renders": 5,
+        "scenes": ("penumbra",),
+        "keep": None,
+    }
     return argparse.Namespace(**settings | pictures | changes)
 
 
@@ -326,6 +332,7 @@ def test_command_knows_its_sections(capsys: pytest.CaptureFixture[str]) -> None:
     whole = build_parser().parse_args(["bench"])
     assert whole.sections == list(SECTIONS)
     assert (whole.picture_size, whole.picture_samples, whole.picture_renders, whole.scenes) == ((240, 160), 256, 8, ())
+    assert whole.keep is None
     with pytest.raises(SystemExit):
         build_parser().parse_args(["bench", "--sections", "taste"])
     assert "bench" in capsys.readouterr().err

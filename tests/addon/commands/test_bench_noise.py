@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.benchmarks import equal_error, noise, pictures, tables
+from tests.benchmarks import equal_error, kept_rows, noise, pictures, tables
 
 # A sample variance of n values is known to sqrt(2 / n), its root to half of that; so many of these are allowed.
 SIGMAS = 5.0
@@ -131,8 +132,8 @@ def test_too_little_to_compare_is_refused(settings: dict[str, Any], message: str
 
 
 @pytest.mark.blender
-def test_a_small_scene_is_measured_and_shown() -> None:
-    effort = equal_error.Effort((24, 16), 16, 5, ("penumbra",))
+def test_a_small_scene_is_measured_kept_and_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    effort = equal_error.Effort((24, 16), 16, 5, ("penumbra",), tmp_path / "rows")
     rows = equal_error.measure_equal_error(effort, False, lambda iterable, label: iterable)
     assert [(row["scene"], row["light"]) for row in rows] == [("penumbra", "direct"), ("penumbra", "path")]
     for row in rows:
@@ -144,3 +145,23 @@ def test_a_small_scene_is_measured_and_shown() -> None:
     assert abs(second / first - 1) > 0.1
     text = "\n".join(tables.write_equal_error({"equal_error": rows}))
     assert text.count("penumbra") == 2 * 3 + 2 * 4
+    # What is in the file is not measured again; what is missing is, whoever measured the rest.
+    effort.keep.write_text(effort.keep.read_text(encoding="utf-8").splitlines(True)[1], encoding="utf-8")
+    asked = []
+    monkeypatch.setattr(equal_error, "measure_row", lambda name, light, effort: asked.append(light) or rows[0])
+    assert equal_error.measure_equal_error(effort, False, lambda iterable, label: iterable) == rows
+    assert asked == ["direct"]
+    assert len(effort.keep.read_text(encoding="utf-8").splitlines()) == 2
+
+
+def test_only_rows_of_the_same_settings_are_taken_from_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "rows"
+    assert kept_rows.read_rows(file, [1]) == kept_rows.read_rows(None, [1]) == []
+    kept_rows.keep_row(None, [1], {"a": 1})
+    for settings, row in (((8, (72, 48)), {"a": 1}), ((5, (72, 48)), {"a": 2}), ((8, (72, 48)), {"a": 3})):
+        kept_rows.keep_row(file, settings, row)
+    assert kept_rows.read_rows(file, (8, (72, 48))) == [{"a": 1}, {"a": 3}]
+    for text in ("{", "[]", '{"row": 1}'):
+        file.write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match="expected a row"):
+            kept_rows.read_rows(file, [1])
