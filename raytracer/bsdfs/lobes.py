@@ -22,10 +22,6 @@ from raytracer.bsdfs.microfacet import Microfacets, evaluate_fresnel
 from raytracer.bsdfs.microfacet_albedo import compensate, read_glass, read_reflection
 from raytracer.bsdfs.thin_film import Film
 
-# Cycles' limit (bsdf_microfacet.h): with a relative index of refraction this close to 1 light passes straight on. The
-# half vector of refraction, eta i + o, is as short as |eta - 1| there, so that its direction would be off by eps /
-# 1e-4, a 1700th in Cycles' float32; and light is bent by no more than 1e-4 tan(theta), a pixel's width at 80 degrees.
-SMALLEST_ETA_STEP = 1e-4
 # A rough lobe is picked at least so often, as a share of its weight.
 SMALLEST_PICK = 2.0**-6
 # Cycles stretches no highlight by less (svm/closure.h): its width would change by a share of 1e-4, which no picture
@@ -148,7 +144,7 @@ def make_lobes(
     )
     refracts = lobes.transmits
     if lobes.transmission is not None:
-        lobes.alpha[refracts & ~(np.abs(eta - 1.0) >= SMALLEST_ETA_STEP)] = 0.0
+        lobes.alpha[lobes.passes_straight] = 0.0
     returned = ~lobes.is_perfect & (grain.multiscatter > 0)
     for rows, read in ((returned & ~refracts, read_reflection), (returned & refracts, read_glass)):
         if mean_color is not None and rows.any():

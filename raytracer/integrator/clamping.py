@@ -81,7 +81,7 @@ def blur_lobes(shading: Shading, rarest: Floats, filter_glossy: float) -> Shadin
 def _blur(lobes: Lobes, least: Floats) -> Lobes:
     if isinstance(lobes, HairLobes):
         return lobes.blur(least)
-    alpha, stretch = np.maximum(lobes.alpha, least), lobes.stretch
+    alpha, stretch = np.where(lobes.passes_straight, lobes.alpha, np.maximum(lobes.alpha, least)), lobes.stretch
     if stretch is not None:
         along, across = np.maximum(stretch.along, least), np.maximum(stretch.across, least)
         stretch = Stretch(stretch.tangent, stretch.bitangent, along, across)

@@ -106,6 +106,25 @@ def test_lobes_are_blurred_by_the_rarest_bounce(roughness, shade_lobes):
             np.testing.assert_allclose(after.alpha**2, after.stretch.along * after.stretch.across, rtol=1e-12)
 
 
+@pytest.mark.parametrize("roughness", [0.0, 0.5])
+@pytest.mark.parametrize("kind", ["glass", "refraction"])
+def test_what_bends_no_light_is_not_blurred(kind, roughness):
+    """A white ball in a shell whose index of refraction is 1 looks like the world that it sees through it.
+
+    Blurred, the facets of the shell had no half vectors, and the ball was nearly black.
+    """
+    shell = Material((Closure(kind, color=1.0, roughness=roughness, ior=1.0),))
+    ball = Material((Closure("diffuse", color=1.0),))
+    spheres = raytracer.Spheres([(0, 0, 0), (0, 0, 0)], [2 * RADIUS, RADIUS], material=[0, 1])
+    scene = raytracer.Scene(spheres=spheres, materials=[shell, ball], world=raytracer.World(1.0))
+    towards = np.random.default_rng(3).normal(size=(COUNT, 3))
+    rays = make_rays(-9 * towards, towards)
+    chosen = Settings(integrator="path", max_bounces=4, filter_glossy=1.0)
+    samples = SobolSamples(np.arange(COUNT, dtype=np.uint32), 0, 0)
+    seen = trace(prepare(scene, raytracer.build(scene), chosen), rays, samples)["Combined"][:, :3]
+    np.testing.assert_allclose(seen, 1.0, rtol=1e-9)
+
+
 def test_nothing_is_blurred_where_nothing_is_rare(shade_lobes):
     shading = shade_lobes(0.3)
     assert clamping.blur_lobes(shading, np.full(COUNT, np.inf), 2.0) is shading
