@@ -48,8 +48,8 @@ class LinkSets:
 
 # What becomes of objects in more sets than there are.
 IN_NO_SET = {
-    "receivers": f"more than {SET_COUNT} light-linking groups: the remaining objects are lit by every light",
-    "blockers": f"more than {SET_COUNT} shadow-linking groups: the remaining objects shadow every light",
+    "receivers": f"more than {SET_COUNT} light-linking groups: the remaining objects are lit as if none of them were named",
+    "blockers": f"more than {SET_COUNT} shadow-linking groups: the remaining objects cast shadows as if none of them were named",
 }
 
 

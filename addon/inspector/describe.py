@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.casting.geometry import Kind
 from raytracer.integrator.traced_rays import CAMERA, Hit, Shadow, TracedRay
 from raytracer.lecture import Region
 
@@ -14,6 +15,9 @@ from .names import Names
 
 Line = tuple[str, tuple[str, ...]]  # name, and one value or three
 
+# Of primitives, and what the lecture's formula of their distance is called: it has none for strands of hair.
+PRIMITIVE_NAMES = {Kind.TRIANGLE: "Polygon", Kind.SPHERE: "Point", Kind.CURVE: "Segment"}
+LECTURE_NAMES = {Kind.TRIANGLE: "Cramer's t", Kind.SPHERE: "Lecture's t"}
 KIND_NAMES = {"reflected": "Reflected", "refracted": "Refracted", "passed": "Straight on"}
 GREEK = "\N{GREEK SMALL LETTER ALPHA}, \N{GREEK SMALL LETTER BETA}, \N{GREEK SMALL LETTER GAMMA}"
 REGION_NAMES = {Region.INSIDE: "inside", Region.EDGE: "on an edge", Region.VERTEX: "on a vertex"}
@@ -55,15 +59,15 @@ def describe_ray(ray: TracedRay) -> Iterator[Line]:
 
 def describe_hit(ray: TracedRay, hit: Hit, names: Names) -> Iterator[Line]:
     """Yield the lecture's quantities where a ray ends."""
-    is_triangle = hit.barycentric is not None
     yield "Object", (names.objects[hit.instance],)
-    yield "Polygon" if is_triangle else "Point", (str(names.find_polygon(hit)),)
+    yield PRIMITIVE_NAMES[hit.kind], (str(names.find_polygon(hit)),)
     yield "Material", (names.materials[hit.material],)
     yield "t", (f"{hit.distance:.12g}",)
     yield "Error of t", (format_error(hit.distance_error),)
-    yield ("Cramer's t" if is_triangle else "Lecture's t"), (format_lecture(hit),)
+    if hit.kind in LECTURE_NAMES:
+        yield LECTURE_NAMES[hit.kind], (format_lecture(hit),)
     yield "Distance", (f"{hit.distance * float(np.linalg.norm(ray.direction)):.6g} m",)
-    if is_triangle:
+    if hit.barycentric is not None:
         yield GREEK, format_vector(hit.barycentric)
         yield "Point is", (REGION_NAMES[hit.region],)
     yield "Point (m)", format_vector(hit.position)

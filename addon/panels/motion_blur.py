@@ -15,7 +15,7 @@ import bpy
 from .scene_data import VISIBLE_TYPES
 from .shared import EnginePanel, RenderPanel, split
 
-BLURRED_TYPES = (VISIBLE_TYPES | {"CAMERA"}) - {"LIGHT", "POINTCLOUD"}
+BLURRED_TYPES = (VISIBLE_TYPES | {"CAMERA"}) - {"LIGHT"}
 
 
 class RAYTRACER_RENDER_PT_motion_blur(RenderPanel, bpy.types.Panel):

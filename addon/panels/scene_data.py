@@ -14,7 +14,7 @@ from ..extract.world import WORLD_VISIBILITY
 from .shared import EnginePanel, split
 
 # Objects that rays can meet.
-VISIBLE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "POINTCLOUD", "VOLUME", "LIGHT"}
+VISIBLE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "POINTCLOUD", "CURVES", "VOLUME", "LIGHT"}
 # Those that become meshes.
 MESH_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 

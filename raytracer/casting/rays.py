@@ -152,9 +152,10 @@ class Hits:
     distance_error : (n,) float64, certified bound on |distance - exact t|; 0 for a miss, NaN where the caster's
         precision certifies nothing
     instance : (n,) int32, index into the scene's instances (or meshes, where the scene has no instances); groups of
-        spheres follow after the last one; -1 = miss
-    primitive : (n,) int32, triangle of the mesh or sphere of the group; -1 = miss
-    barycentric : (n, 2) float64, weights of the triangle's corners 1 and 2; 0 for spheres and misses
+        spheres follow after the last one, then groups of curves; -1 = miss
+    primitive : (n,) int32, triangle of the mesh, sphere of the group or segment of the curves; -1 = miss
+    barycentric : (n, 2) float64, weights of the triangle's corners 1 and 2; of a strand the place along the segment,
+        0 to 1, and, if it is flat, across it, -1 to 1; 0 for spheres and misses
     valid : (n,) bool, False for NaN, infinite or zero-direction rays, which miss
     tied : (n,) bool, False where nothing else lies at the same distance beyond doubt; None where nobody asks
     """

@@ -9,9 +9,7 @@ from raytracer.bsdfs.closures import Shading
 from raytracer.casting.caster import Caster
 from raytracer.casting.geometry import Kind, join_id, world_corners
 from raytracer.casting.rays import Hits, Rays
-from raytracer.integrator.traced_rays import (
-    Hit,
-)
+from raytracer.integrator.traced_rays import Hit
 from raytracer.lecture import Region, classify_barycentric, cross, intersect_sphere, intersect_triangle, length
 from raytracer.surfaces.surface import Surface
 
@@ -25,14 +23,15 @@ def describe_hit(caster: Caster, rays: Rays, hits: Hits, surface: Surface, shadi
     """Return the record of the hit of one ray."""
     geometry, weights, region = caster.geometry, None, Region.INSIDE
     origin, direction = rays.origins[0], rays.directions[0]
-    if geometry.belongs_to_kind(hits.instance, Kind.TRIANGLE)[0]:
+    kind = next(kind for kind in Kind if geometry.belongs_to_kind(hits.instance, kind)[0])
+    if kind == Kind.TRIANGLE:
         a, b, c = (corner[0] for corner in world_corners(geometry, hits.instance, hits.primitive))
         beta, gamma = hits.barycentric[0]
         weights = np.array([1.0 - beta - gamma, beta, gamma])
         region = Region(int(classify_barycentric(weights, measure_tolerance(surface, a, b, c))))
         lecture_distance = float(intersect_triangle(origin, direction, a, b, c).t)
-    elif geometry.belongs_to_kind(hits.instance, Kind.CURVE)[0]:
-        lecture_distance = np.nan  # the lecture has no curves
+    elif kind == Kind.CURVE:
+        lecture_distance = np.nan
     else:
         number = geometry.find_rows(join_id(geometry, hits.instance, hits.primitive), Kind.SPHERE)[0]
         roots = intersect_sphere(origin, direction, geometry.centres[number], geometry.radii[number])
@@ -42,6 +41,7 @@ def describe_hit(caster: Caster, rays: Rays, hits: Hits, surface: Surface, shadi
         distance=float(hits.distance[0]) - find_start(rays),
         distance_error=float(hits.distance_error[0]),
         lecture_distance=lecture_distance - find_start(rays),
+        kind=kind,
         instance=int(hits.instance[0]),
         primitive=int(hits.primitive[0]),
         material=int(surface.material[0]),

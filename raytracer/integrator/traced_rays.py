@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from raytracer.arrays.types import Floats
+from raytracer.casting.geometry import Kind
 from raytracer.lecture import Region
 
 CAMERA, REFLECTED, REFRACTED, PASSED = "camera", "reflected", "refracted", "passed"
@@ -17,9 +18,10 @@ class Hit:
 
     distance, distance_error : t of o + t d, and the certified bound on its error; NaN where the precision proves none
     lecture_distance : t by the lecture's formula in float64, Cramer's rule or the sphere's distance from the line; NaN
-        where that formula rounds to a miss
+        where that formula rounds to a miss, and of a curve, which the lecture does not have
+    kind : of what was hit
     instance, primitive, material : as in `surface.Surface`
-    barycentric : (3,) alpha, beta, gamma of a triangle; None for a sphere
+    barycentric : (3,) alpha, beta, gamma of a triangle; None for others
     region : INSIDE, or an EDGE or VERTEX no farther away than the error of the position
     position, position_error : metres, world
     geometric_normal, shading_normal : unit, as wound
@@ -30,6 +32,7 @@ class Hit:
     distance: float
     distance_error: float
     lecture_distance: float
+    kind: Kind
     instance: int
     primitive: int
     material: int

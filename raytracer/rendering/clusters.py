@@ -23,11 +23,13 @@ from raytracer.integrator.settings import Settings, check_integer
 from raytracer.processes.dask_pool import take_result
 from raytracer.rendering.render import prepare_film, render
 from raytracer.scene.scene import Scene
-from raytracer.scene.scene_file import load
+from raytracer.scene.scene_file import load, load_settings
 
 # Tiles for each thread of the cluster: what is lost with a worker is one of them, and the last ones do not keep others
 # waiting for long.
 TILES_PER_THREAD = 4
+# Settings of a file that `render_on` has arguments for.
+OWN_ARGUMENTS = ("width", "height", "samples", "tile", "workers")
 
 
 def render_on(
@@ -45,9 +47,10 @@ def render_on(
     Parameters
     ----------
     client : `distributed.Client`
-    scene : a Scene, which is sent to the workers, or the path of a file that all of them can read
+    scene : a Scene, which is sent to the workers, or the path of a file that all of them can read, with the settings
+        that it was saved with, but for its size and samples
     tiles : how many; None takes four for each thread of the cluster
-    settings : the other fields of `Settings` by name
+    settings : the other fields of `Settings` by name; they come before a file's
 
     Raises
     ------
@@ -58,8 +61,12 @@ def render_on(
     """
     if tiles is not None:
         check_integer(tiles, 1, None, "render_on: tiles")
+    if isinstance(scene, str | Path):
+        whole, found = load(scene), load_settings(scene)
+        settings = {name: value for name, value in found.items() if name not in OWN_ARGUMENTS} | settings
+    else:
+        whole = scene
     chosen = Settings(samples=samples, **settings)
-    whole = load(scene) if isinstance(scene, str | Path) else scene
     empty, window = prepare_film(whole, width, height, chosen)
     threads = max(1, sum(client.nthreads().values()))
     count = min(tiles or TILES_PER_THREAD * threads, window.height)

@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 
 import addon
+import raytracer
 from addon.engine.output import measure_picture
-from addon.inspector import describe, drawing, operators, picking, segments, session
+from addon.inspector import describe, drawing, names, operators, picking, segments, session
 from addon.versions import find_node_tree
+from raytracer.integrator.inspect_ray import make_inspector
+from raytracer.integrator.settings import Settings
 from raytracer.integrator.traced_rays import CAMERA, REFLECTED
 from tests.addon.engine.engine_fixtures import make_stage
 
@@ -84,6 +87,19 @@ def test_pixel_has_its_objects_polygons_and_materials(room: Any) -> None:
     assert lines["Point (m)"] == ("4.5000", "-4.5000", "0.0000")
     assert describe.title_ray(reflected, inspected.names) == "Reflected: nothing"
     assert describe.describe_dark(ray, inspected.names) == "Ceiling lamp: no light this way"
+
+
+def test_a_strand_has_no_formula_of_the_lecture() -> None:
+    """It was said to be a miss, by rounding, for there is no such formula."""
+    strand = raytracer.Curves([(0, -1, 0), (0, 1, 0)], [0.5, 0.5], [0, 2], material=0)
+    materials = [raytracer.Material((raytracer.Closure("diffuse"),), name="Locks")]
+    scene = raytracer.Scene(curves=[strand], materials=materials)
+    (ray,) = make_inspector(scene, raytracer.build(scene), Settings()).inspect_ray([0, 0, 5], [0, 0, -1])
+    assert ray.hit is not None
+    named = names.Names(objects={0: "Hair"}, polygons={(0, 0): 0}, materials={0: "Locks"}, lights={})
+    lines = dict(describe.describe_hit(ray, ray.hit, named))
+    assert (lines["Object"], lines["Segment"], lines["Error of t"][0][:7]) == (("Hair",), ("0",), "at most")
+    assert not any("Lecture" in name or "Cramer" in name for name in lines)
 
 
 def test_shadow_names_the_lamp_and_what_blocks_it(room: Any) -> None:

@@ -26,8 +26,11 @@ def test_the_shutter_is_drawn_as_blender_and_cycles_have_it(empty_scene: Any) ->
 
 def test_objects_that_can_be_blurred_have_cycles_settings(shown: Any) -> None:
     panel = motion_blur.RAYTRACER_OBJECT_PT_motion_blur
-    for thing, expected in ((shown, True), (bpy.context.scene.camera, True), (bpy.data.objects.new("E", None), False)):
-        assert panel.poll(SimpleNamespace(engine=ENGINE, object=thing)) == expected
+    hair = bpy.data.objects.new("Hair", bpy.data.hair_curves.new("Hair"))
+    points = bpy.data.objects.new("Points", bpy.data.pointclouds.new("Points"))
+    for thing in (shown, bpy.context.scene.camera, hair, points):
+        assert panel.poll(SimpleNamespace(engine=ENGINE, object=thing))
+    assert not panel.poll(SimpleNamespace(engine=ENGINE, object=bpy.data.objects.new("Empty", None)))
     assert not panel.poll(SimpleNamespace(engine="CYCLES", object=shown))
     assert draw(panel, object=shown).names == ["use_motion_blur", "motion_steps", "use_deform_motion"]
     assert draw(panel, object=bpy.context.scene.camera).names == ["use_motion_blur", "motion_steps"]

@@ -222,6 +222,8 @@ def test_ray_visibility_and_material_panels_draw_what_is_read(empty_scene: Any, 
     assert names == [f"visible_{kind}" for kind in kinds]
     lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
     assert draw(visibility, object=lamp).names == names[:-1]
+    for data in (bpy.data.hair_curves.new("Hair"), bpy.data.pointclouds.new("Points"), bpy.data.volumes.new("Smoke")):
+        assert visibility.poll(SimpleNamespace(object=bpy.data.objects.new("Thing", data), engine=ENGINE))
     material = bpy.data.materials.new("Material")
     assert scene_data.RAYTRACER_MATERIAL_PT_settings.poll(SimpleNamespace(material=material, engine=ENGINE))
     names = draw(scene_data.RAYTRACER_MATERIAL_PT_settings, material=material).names

@@ -58,6 +58,15 @@ def test_render_on_a_cluster_gives_the_same_film_from_a_file_and_from_a_scene(cl
         assert (film.near_misses, film.ended_by) == (expect().near_misses, expect().ended_by)
 
 
+def test_a_file_is_rendered_with_the_settings_that_it_was_saved_with(client: Any, tmp_path: Path) -> None:
+    saved = {"width": 9, "height": 9, "samples": 100, "integrator": "path", "max_bounces": 2, "seed": 5, **SETTINGS}
+    raytracer.save(make_lit_scene(), tmp_path / "scene.npz", saved)
+    film = raytracer.render_on(client, tmp_path / "scene.npz", 40, 30, 3, tiles=2, max_bounces=1)
+    chosen = {"integrator": "path", "max_bounces": 1, **SETTINGS}
+    assert same(film, raytracer.render(make_lit_scene(), 40, 30, 3, **chosen))
+    assert not same(film, expect())
+
+
 @pytest.mark.parametrize("way", ["pool", "tiles"])
 def test_with_one_of_two_workers_killed_the_bits_are_the_same(client: Any, way: str) -> None:
     samples = 150
