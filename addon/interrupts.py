@@ -17,6 +17,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
+from typing import Any
 
 # How the shell names the end by Ctrl-C.
 EXIT_CODE = 128 + signal.SIGINT
@@ -83,7 +84,7 @@ def listen() -> Iterator[None]:
         signal.set_wakeup_fd(number)
         rings.close()  # which ends the thread
         _State.is_noted = False
-        signal.signal(signal.SIGINT, before)
+        _restore(signal.SIGINT, before)
 
 
 def tell_through(descriptor: int) -> None:
@@ -147,7 +148,13 @@ def listen_for(number: int) -> Iterator[None]:
     try:
         yield
     finally:
-        signal.signal(number, before)
+        _restore(number, before)
+
+
+def _restore(number: int, handler: Any) -> None:
+    """Give a signal its former handler. None stands for one in C, as the application in the background has for Ctrl-C:
+    no Python can bring that back, and the default comes next to it."""
+    signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
 def is_noted() -> bool:

@@ -121,7 +121,8 @@ def describe_progress(film: Film) -> str:
 def listen() -> Iterator[Callable[[], bool]]:
     """Yield what tells whether the process has been told to end by Ctrl-C or SIGTERM; a second time ends it at once."""
     stopped = threading.Event()
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    # None stands for a handler in C, which no Python can bring back.
+    before = {number: signal.getsignal(number) or signal.SIG_DFL for number in (signal.SIGINT, signal.SIGTERM)}
 
     def stop(number: int, frame: FrameType | None) -> None:
         stopped.set()

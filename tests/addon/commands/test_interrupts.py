@@ -187,6 +187,19 @@ def test_an_interrupt_that_nothing_looks_at_ends_the_process_which_tidies_up() -
     assert (done.returncode, done.stdout, done.stderr) == (interrupts.EXIT_CODE, "tidy\n", interrupts.LINE)
 
 
+def test_a_handler_in_c_gives_way_to_the_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The application in the background has one, which Python calls None and cannot bring back: every command failed."""
+    before, set_handler = signal.getsignal(signal.SIGINT), signal.signal
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(signal, "signal", lambda number, handler: (set_handler(number, handler), None)[1])
+            with interrupts.listen(), interrupts.listen_for(signal.SIGTERM):
+                assert signal.getsignal(signal.SIGINT) == signal.getsignal(signal.SIGTERM) == interrupts._note
+        assert signal.getsignal(signal.SIGINT) == signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def test_an_interrupt_waits_in_hold_and_not_in_release() -> None:
     code = (
         "import os, signal; from addon import interrupts\n"
