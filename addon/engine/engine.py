@@ -36,7 +36,7 @@ from .light_groups import give_groups
 from .mattes import describe_mattes, give_identities, name_things
 from .output import Border, RenderOutput, read_border
 from .progress import Progress
-from .stereo import find_unsupported, list_views, look_from_view
+from .stereo import count_pictures, find_unsupported, find_view, list_views, look_from_view
 
 # Light paths per pixel of Blender's previews of materials, worlds and lights.
 PREVIEW_SAMPLES = 8
@@ -57,7 +57,9 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
     bl_use_shading_nodes_custom = False  # the nodes are Blender's own: without this there is no Shader Editor
     bl_use_spherical_stereo = True  # cameras show the setting
 
-    layers_done = 0
+    layers_done = 0  # of this frame, each of their stereo views counted
+    layers: frozenset[str] = frozenset()  # names of those that this frame has begun
+    is_baking = False
     baked_images = 0
     baked_warnings: frozenset[str] = frozenset()  # of a bake, that the user has been told
     viewport: Viewport | None = None  # what a viewport shows, while this object serves one
@@ -69,6 +71,7 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
 
     def render(self, depsgraph: Any) -> None:
         """Render one view layer into Blender's render result (Blender's callback)."""
+        self._begin_layer(depsgraph.scene, depsgraph.view_layer)
         if self.failed or self.test_break():
             return
         for view in list_views(depsgraph.scene_eval):
@@ -78,8 +81,17 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
             if self.failed or self.test_break():
                 return
 
+    def _begin_layer(self, scene: Any, view_layer: Any) -> None:
+        """Begin a new frame with its first view layer: with Persistent Data one object renders them all."""
+        first = next((layer.name for layer in scene.view_layers if layer.use), view_layer.name)
+        if view_layer.name in {first, *self.layers} or scene.render.use_single_layer:
+            self.failed, self.layers_done, self.layers = False, 0, frozenset()
+        self.layers |= {view_layer.name}
+
     def bake(self, depsgraph: Any, object: Any, pass_type: str, pass_filter: int, width: int, height: int) -> None:
         """Bake what an object shows into a texture (Blender's callback)."""
+        if not self.is_baking:  # the object may be one that has rendered before
+            self.is_baking, self.failed = True, False
         if self.failed or self.test_break():
             return
         with self._reporting(), interrupts.release():
@@ -287,16 +299,6 @@ def trace(
             worker_pool.unload(workers)
     film.statistics.build_seconds = build_seconds
     return film
-
-
-def count_pictures(scene: Any) -> int:
-    """Return how many view layers a frame of `scene` has, each of their stereo views counted."""
-    return sum(view_layer.use for view_layer in scene.view_layers) * len(list_views(scene))
-
-
-def find_view(engine: Any, scene: Any) -> str:
-    """Return the stereo view that is being rendered; '' without stereoscopy."""
-    return engine.active_view_get() if scene.render.use_multiview else ""
 
 
 def find_set_frame(engine: Any, scene: Any) -> SetFrame | None:

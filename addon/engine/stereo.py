@@ -26,6 +26,16 @@ def list_views(scene: Any) -> tuple[str, ...]:
     return tuple(view.name for view in scene.render.views if view.use and (known is None or view.name in known))
 
 
+def count_pictures(scene: Any) -> int:
+    """Return how many view layers a frame of `scene` has, each of their stereo views counted."""
+    return sum(view_layer.use for view_layer in scene.view_layers) * len(list_views(scene))
+
+
+def find_view(engine: Any, scene: Any) -> str:
+    """Return the stereo view that is being rendered; '' without stereoscopy."""
+    return engine.active_view_get() if scene.render.use_multiview else ""
+
+
 def look_from_view(engine: Any, view: str, scene: Any, traced: raytracer.Scene) -> raytracer.Scene:
     """Return the scene to trace with the camera of a view in place of its own."""
     if not view:

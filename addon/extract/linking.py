@@ -48,8 +48,8 @@ class LinkSets:
 
 # What becomes of objects in more sets than there are.
 IN_NO_SET = {
-    "receivers": f"more than {SET_COUNT} light-linking groups: the remaining objects are lit as if none of them were named",
-    "blockers": f"more than {SET_COUNT} shadow-linking groups: the remaining objects cast shadows as if none of them were named",
+    "receivers": f"more than {SET_COUNT} light-linking groups: lights take the remaining objects for linked to nothing",
+    "blockers": f"more than {SET_COUNT} shadow-linking groups: lights take the remaining objects for linked to nothing",
 }
 
 

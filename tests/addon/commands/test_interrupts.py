@@ -188,7 +188,7 @@ def test_an_interrupt_that_nothing_looks_at_ends_the_process_which_tidies_up() -
 
 
 def test_a_handler_in_c_gives_way_to_the_default(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The application in the background has one, which Python calls None and cannot bring back: every command failed."""
+    """The application in the background has one, None to Python, which cannot bring it back: every command failed."""
     before, set_handler = signal.getsignal(signal.SIGINT), signal.signal
     try:
         with monkeypatch.context() as patch:

@@ -15,7 +15,7 @@ from addon.engine import animation, engine
 from addon.engine.statistics import last_render
 from addon.extract import mesh_table
 from addon.versions import set_image_format
-from tests.addon.engine.engine_fixtures import add_plane, make_stage
+from tests.addon.engine.engine_fixtures import add_plane, make_stage, render_pass
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
 
@@ -157,3 +157,22 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
     assert last_render(stage) is None
     assert engine.ReferenceRaytracerEngine.bl_use_preview
     assert engine.ReferenceRaytracerEngine.bl_use_eevee_viewport
+
+
+def test_with_persistent_data_each_frame_is_counted_for_itself(stage: Any, tmp_path: Path) -> None:
+    """Blender keeps the engine's object then: a failed render made all later ones empty, and numbers added up."""
+    stage.view_layers.new("Second")
+    stage.render.use_persistent_data = True
+    render_pass(stage, tmp_path / "a.exr")
+    once = last_render(stage)
+    stage.camera.scale = (0, 0, 0)
+    with pytest.raises(RuntimeError, match="has a scale of"):
+        render_pass(stage, tmp_path / "b.exr")
+    stage.camera.scale = (1, 1, 1)
+    for _ in range(2):
+        picture = render_pass(stage, tmp_path / "c.exr")
+        assert picture[..., :3].any()
+        again = last_render(stage)
+        assert once is not None
+        assert again is not None
+        assert (again.rays, again.cancelled) == (once.rays, once.cancelled)
