@@ -115,6 +115,6 @@ def immerse_shadows(shadow_rays: Sequence[ShadowRays], wave: Wave, sampler: Samp
         stack, surface = wave.paths.media.select(place), wave.surface.select(place)
         straight = np.zeros(len(place), np.bool_)
         stack = cross_surfaces(stack, surface, rays.rays.directions, straight)
-        noise = start_noise(pair[place], rays.source)
+        noise = start_noise(pair[place], 1 + rays.source)  # 0 is that of the way to the surface
         immersed.append(replace(rays, immersed=Immersed(stack, noise)))
     return immersed
