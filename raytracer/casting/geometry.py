@@ -156,6 +156,14 @@ def pack_geometry(scene: Scene) -> Geometry:
     )
 
 
+def invert_matrices(matrices: Floats) -> Floats:
+    """Return the inverses of (c, 4, 4) affine matrices; zeros for those that flatten."""
+    usable = np.linalg.det(matrices[:, :3, :3]) != 0
+    inverse = np.zeros_like(matrices)
+    inverse[usable] = np.linalg.inv(matrices[usable])
+    return inverse
+
+
 def transform_points(matrix: Floats, points: Floats) -> Floats:
     """((m0 x + m1 y) + m2 z) + m3 for each row: (..., 4, 4) matrices and (..., 3) points that broadcast."""
     x, y, z = points[..., 0, None], points[..., 1, None], points[..., 2, None]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.rows import largest_column
 from raytracer.arrays.types import Booleans, Floats, Integers, Numbers, Vectors
-from raytracer.casting.geometry import transform_points
+from raytracer.casting.geometry import invert_matrices, transform_points
 from raytracer.lecture import dot
 from raytracer.media.mixtures import Mixture
 
@@ -69,7 +69,7 @@ def make_majorants(
     count = len(even)
     cells, first = np.ones((count, 3), np.int64), np.zeros(count, np.int64)
     grid_from_box, values = np.zeros((count, 4, 4)), [np.zeros(1)]
-    found = np.flatnonzero(varies)
+    found = np.flatnonzero(varies & (np.linalg.det(world_from_box[:, :3, :3]) != 0))  # what is flat has no inside
     most = max(LEAST_CELLS, int(CELLS * min(1.0, MANY / max(len(found), 1)) ** (1 / 3)))
     for medium in found:
         low, high = boxes[medium]
@@ -92,8 +92,9 @@ def place_majorants(majorants: Majorants, world_from_box: Floats) -> Majorants:
 
 def _place_grids(varies: Booleans, grid_from_box: Floats, world_from_box: Floats) -> Floats:
     grids = np.zeros_like(grid_from_box)
+    box_from_world = invert_matrices(world_from_box)
     for medium in np.flatnonzero(varies):
-        grids[medium] = _combine(grid_from_box[medium], np.linalg.inv(world_from_box[medium]))
+        grids[medium] = _combine(grid_from_box[medium], box_from_world[medium])
     return grids
 
 

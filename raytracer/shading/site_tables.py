@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.rows import split_columns
 from raytracer.arrays.types import Booleans, Floats
-from raytracer.casting.geometry import Geometry
+from raytracer.casting.geometry import Geometry, invert_matrices
 from raytracer.film.camera import find_on_film
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
-from raytracer.shading.strand_tables import OWN_UV, StrandTables, invert_matrices, make_strand_tables
+from raytracer.shading.strand_tables import OWN_UV, StrandTables, make_strand_tables
 from raytracer.surfaces.surface_tables import CornerTable, SurfaceTables, pack_corners
 from raytracer.surfaces.tangents import make_tangents
 from raytracer.textures.image import map_sphere

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Floats
 from raytracer.casting.curves.strands import Strands
+from raytracer.casting.geometry import invert_matrices
 from raytracer.scene.curves import Curves
 from raytracer.scene.scene import Scene
 
@@ -99,11 +100,3 @@ def _join(values: list[Floats]) -> Floats:
     """Return values (., k) of all groups below one another, with zeros behind those of fewer numbers."""
     width = max(one.shape[1] for one in values)
     return np.concatenate([np.pad(one, ((0, 0), (0, width - one.shape[1]))) for one in values])
-
-
-def invert_matrices(matrices: Floats) -> Floats:
-    """Return the inverses of (c, 4, 4) affine matrices; zeros for those that flatten."""
-    usable = np.linalg.det(matrices[:, :3, :3]) != 0
-    inverse = np.zeros_like(matrices)
-    inverse[usable] = np.linalg.inv(matrices[usable])
-    return inverse

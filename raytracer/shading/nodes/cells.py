@@ -63,7 +63,7 @@ def make_voronoi(
 
 def _shape_rows(values: Array, shape: tuple[int, ...]) -> Array:
     """Return values of one row for each point, or of one for all, as one for each point, or as a single one."""
-    return np.broadcast_to(values, (int(np.prod(shape)), *values.shape[1:])).reshape(*shape, *values.shape[1:])
+    return np.broadcast_to(values, (int(np.prod(shape)), *values.shape[1:])).reshape((*shape, *values.shape[1:]))
 
 
 def make_gabor(

@@ -96,9 +96,16 @@ def make_wave(
 
 
 def _on_rows(compute: Callable[[Any, Fractal], Array], points: Array, fractal: Fractal) -> Array:
-    """Call a fractal with points (n, k), or a single one (k,)."""
-    found = compute(np.atleast_2d(points), fractal)
-    return found if np.ndim(points) == 2 else found[0]
+    """Call a fractal with points (n, k), or a single one (k,), which may have n ways to be shaped."""
+    found = compute(_repeat_point(np.atleast_2d(points), fractal), fractal)
+    return found if np.ndim(points) == 2 or len(found) > 1 else found[0]
+
+
+def _repeat_point(points: Array, fractal: Fractal) -> Array:
+    """Return points (n, k); a single one is repeated where the fractal's numbers are n."""
+    shapes = (fractal.detail, fractal.roughness, fractal.lacunarity, fractal.offset, fractal.gain)
+    count = max(np.size(numbers) for numbers in shapes)
+    return np.repeat(points, count, axis=0) if len(points) == 1 else points
 
 
 # How Magic turns its three sines, depth by depth: component, function, sign, and the signs of x, y and z in the sum.
@@ -176,7 +183,8 @@ def _brick_noise(row: Array, brick: Array) -> Array:
 
 def _place_noise(vector: Any, w: Any, scale: Any, distortion: Any, dimensions: int) -> Array:
     """Return the points (n, k) at which noise of k dimensions is read: scaled, then moved by noise."""
-    point = np.concatenate([np.asarray(vector, float), np.broadcast_to(spread(w), (*np.shape(vector)[:-1], 1))], -1)
+    rows = np.broadcast_shapes(np.shape(vector)[:-1], np.shape(w))
+    point = np.concatenate([np.broadcast_to(vector, (*rows, 3)), np.broadcast_to(spread(w), (*rows, 1))], -1)
     point = np.atleast_2d(point[..., 3:] if dimensions == 1 else point[..., :dimensions]) * spread(scale)
     if np.any(np.asarray(distortion) != 0):
         moved = [perlin(point + _offset(seed, dimensions)) for seed in range(dimensions)]
@@ -204,6 +212,7 @@ def make_noise_color(
     dimensions = int(noise_dimensions[0])
     point = _place_noise(vector, w, scale, distortion, dimensions)
     fractal = Fractal(detail, np.maximum(roughness, 0.0), lacunarity, offset, gain, normalize)
+    point = _repeat_point(point, fractal)
     places = [point, *(point + _offset(dimensions + k, dimensions) for k in range(parts - 1))]
     color = np.stack([FRACTALS[noise_type](place, fractal) for place in places], axis=-1)
     return color[0] if np.ndim(vector) == 1 and len(color) == 1 else color

@@ -11,6 +11,7 @@ import raytracer
 from raytracer import (
     Closure,
     Grid,
+    Instances,
     Material,
     Mesh,
     PointLight,
@@ -45,6 +46,15 @@ def test_a_rising_density_lets_through_what_its_integral_says() -> None:
     found = measure(scene, 256)
     assert (found[1] < 0.01).all()
     assert_close(found, decay(4.0))
+
+
+@pytest.mark.parametrize("scale", [(1.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
+def test_a_varying_medium_in_an_object_without_extent_is_nowhere(scale: Any) -> None:
+    """As where its scale grows from 0: its matrix has no inverse, which ended the render."""
+    smoke = fill(VolumeClosure("absorption", color=COLORS, density=DENSITY), program=RISING)
+    placed = Instances([0], [np.diag([*scale, 1.0])])
+    scene = Scene(meshes=make_box(1.0), instances=placed, materials=smoke, camera=look(), world=WHITE)
+    np.testing.assert_allclose(measure(scene, 4)[0], 1.0)
 
 
 @pytest.mark.parametrize("sun_first", [True, False])
