@@ -26,10 +26,13 @@ the difference asked for, 1% or that of --to, in a tile or in the whole picture.
 differences that would have been found, with a probability of 90%, are "pixel_detectable", "tile_detectable" (tiles of
 16x16 pixels) and "picture_detectable": shares of the level of the tile or of the picture, the brighter of both, in 95%
 of the tiles. Pictures that are equal are said to differ with a probability of 1%. "z_fail_share": pixels that differ by
-more than noise; more than 0.25% is a difference. "passes": pixels of each pass that differ; more than 0.1% is one.
-"tile_error", "tile_noise", "tile_bias": the largest difference of a tile, its standard error, the share of the tile's
-level that noise does not explain. "picture_error", "picture_noise", "picture_bias": the same of the whole picture. With
-ray_cast the verdict is "agrees" where exact arithmetic finds all of ours right that it judged.
+more than noise; the verdict forgives each a quarter of the difference asked for, and more than 0.25% is a difference
+then. "passes": pixels of each pass that differ; more than 0.1% is one. "tile_error", "tile_noise", "tile_bias": the
+largest difference of a tile, its standard error, the share of the tile's level that noise does not explain.
+"picture_error", "picture_noise", "picture_bias": the same of the whole picture. Both engines render without clamping,
+Filter Glossy, border, stereoscopy and compositing, with a pixel filter of one pixel's box. With ray_cast, which sees
+meshes alone, as Blender's own rays do (no hair, point clouds, volumes or displacement by materials), the verdict is
+"agrees" where exact arithmetic finds all of ours right that it judged.
 """
 
 

@@ -324,7 +324,10 @@ def find_ignored_settings(depsgraph: Any, moves: bool) -> list[Warning]:
         (view_layer.samples > 0, samples),
         (is_threshold, threshold),
     )
-    return [*(Warning(text) for is_used, text in ignored if is_used), *find_unsupported(scene)]
+    return [
+        *(Warning(text) for is_used, text in ignored if is_used),
+        *find_unsupported(scene, enabled_passes(view_layer)),
+    ]
 
 
 def register() -> None:

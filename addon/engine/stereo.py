@@ -7,6 +7,7 @@ Blender, source/blender/blenkernel/intern/camera.cc: BKE_camera_multiview_render
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -81,11 +82,16 @@ def find_camera(scene: Any, view: str) -> Any:
     return camera
 
 
-def find_unsupported(scene: Any) -> list[Warning]:
-    """Return a warning where a camera without a panorama asks for eyes that turn with the direction they look in."""
-    camera = scene.camera
-    if not scene.render.use_multiview or camera is None or camera.type != "CAMERA" or camera.data.type != "PERSP":
+def find_unsupported(scene: Any, passes: Sequence[str]) -> list[Warning]:
+    """Return warnings of what a view layer with these passes does not show in stereo: eyes that turn with the direction
+    they look in but for panoramas, and motion."""
+    camera, warnings = scene.camera, []
+    if not scene.render.use_multiview:
         return []
-    if not camera.data.stereo.use_spherical_stereo:
-        return []
-    return [Warning("Spherical Stereo is supported for panoramas only: both eyes keep their places", camera.name)]
+    if "Vector" in passes:
+        warnings.append(Warning("The Vector pass is not supported with stereoscopy: it is 0"))
+    is_plain = camera is not None and camera.type == "CAMERA" and camera.data.type == "PERSP"
+    if is_plain and camera.data.stereo.use_spherical_stereo:
+        text = "Spherical Stereo is supported for panoramas only: both eyes keep their places"
+        warnings.append(Warning(text, camera.name))
+    return warnings

@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--error",
         type=parse_share,
-        metavar="E%%",
+        metavar="E%",
         help="end at this error, the root mean square over the mean level, of a tile over its own; "
         f"takes at most {SAMPLES_FOR_ERROR} samples, or --samples",
     )

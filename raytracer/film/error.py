@@ -64,7 +64,7 @@ class PictureError:
     interval : (low, high) of 95% confidence, of the error of this very picture
     error_p99 : the same of the pixels without the noisiest 1%
     few : number of pixels that hold 90% of the noise (of the mean square error), 0 where they are more than FEW
-    worst : (x, y) of the noisiest pixel, counted from the lower left corner
+    worst : (x, y) of the noisiest pixel, counted from the lower left corner of the full picture
     is_unmet : True where light that no sample has met can be most of the error
     is_one_draw : True where all pixels take the same points of lights, and can all be wrong together
     is_missed : True where light in sight that no sample has met is most of the error
@@ -88,7 +88,7 @@ class PictureError:
         if self.few:
             held = "1 pixel holds" if self.few == 1 else f"{self.few} pixels hold"
             x, y = self.worst
-            reasons.append(f"{held} {MOST_NOISE:.0%} of the noise, the worst at ({x}, {y})")
+            reasons.append(f"{held} {MOST_NOISE:.0%} of the noise, the worst at ({x}, {y}) from the lower left")
         if self.is_unmet:
             reasons.append("no reflection has met the brightest light yet")
         if self.is_missed:

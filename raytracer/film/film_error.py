@@ -7,6 +7,7 @@ anew.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -69,7 +70,9 @@ def measure_film(film: SummedFilm) -> PictureError:
         level = np.mean([film.read_pixels("Combined", row)[:, :3].mean() for row in film.iterate_rows()])
     sides = [side for side in (film.interleaving, film.time_side) if side]
     squares = Parts(film.width * film.height, lambda pixels: square_film(film, pixels))
-    return measure_error(squares, float(level), film.width, min(sides, default=0), measure_scatter(film))
+    found = measure_error(squares, float(level), film.width, min(sides, default=0), measure_scatter(film))
+    x, y = found.worst
+    return replace(found, worst=(film.left + x, film.bottom + y))
 
 
 def square_film(film: SummedFilm, pixels: slice) -> Floats:

@@ -186,7 +186,9 @@ def find_differences(judgement: Judgement, passes: Mapping[str, float]) -> list[
         found.append(f"the whole picture is off by {show_share(judgement.picture.bias)} or more")
     if judgement.tile.bias > tolerated:
         left, top = judgement.tile.column * metrics.TILE, judgement.tile.row * metrics.TILE
-        found.append(f"the tile at ({left}, {top}) is off by {show_share(judgement.tile.bias)} or more")
+        found.append(
+            f"the tile at ({left}, {top}) from the upper left is off by {show_share(judgement.tile.bias)} or more"
+        )
     if judgement.pixel_share > PIXELS_BAR:
         found.append(f"{show_share(judgement.pixel_share)} of the pixels differ by more than noise")
     return found + [

@@ -122,6 +122,15 @@ def test_each_view_has_its_own_checkpoint(stage: Any) -> None:
     assert list_files(stage) == []
 
 
+def test_motion_that_stereoscopy_does_not_show_is_warned_of(stage: Any, tmp_path: Path) -> None:
+    """The Vector pass was 0 without a word."""
+    bpy.context.view_layer.use_pass_vector = True
+    render_views(stage, tmp_path)
+    taken = last_render(stage)
+    assert taken is not None
+    assert [warning.text[:15] for warning in taken.warnings] == ["The Vector pass"]
+
+
 def test_spherical_stereo_without_a_panorama_is_warned_of(stage: Any, tmp_path: Path) -> None:
     stage.camera.data.stereo.use_spherical_stereo = True
     render_views(stage, tmp_path)

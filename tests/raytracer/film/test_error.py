@@ -136,9 +136,19 @@ def test_few_pixels_that_hold_the_noise_are_named(rng):
     assert fill(scatter(rng, 4)).measure_error().note == ""
     found = fill(samples).measure_error()
     assert (found.few, found.worst) == (1, (11, 3))
-    assert found.note == "1 pixel holds 90% of the noise, the worst at (11, 3): the error can be underestimated"
+    assert (
+        found.note
+        == "1 pixel holds 90% of the noise, the worst at (11, 3) from the lower left: the error can be underestimated"
+    )
     assert found.error_p99 < found.error / 20
     assert fill(scatter(rng, 4)).measure_error().note == ""
+
+
+def test_the_noisiest_pixel_of_a_border_is_counted_in_the_full_picture(rng):
+    """As the ray inspector counts them."""
+    samples = scatter(rng, 4, 0.01)
+    samples[:2, 3 * WIDTH + 11] += 9.0 * np.array([1, -1])[:, np.newaxis]
+    assert fill(samples, left=100, bottom=20).measure_error().worst == (111, 23)
 
 
 def test_few_pixels_are_named_where_both_replications_met_as_much(rng):

@@ -89,7 +89,7 @@ def test_the_tile_that_differs_is_named_by_its_corner(rng):
     ours, theirs = draw_sides(rng, (0.01, 0.01), (40, 56, 3))
     theirs[:, 16:32, 48:, 2] *= 1.5
     reasons = verdict.find_differences(verdict.judge_pictures(ours, theirs), {"Depth": 0.002, "UV": 0.001})
-    assert any("the tile at (48, 16)" in reason for reason in reasons)
+    assert any("the tile at (48, 16) from the upper left" in reason for reason in reasons)
     assert reasons[-1] == "Depth differs in 0.2% of the pixels"
 
 
