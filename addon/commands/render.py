@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> None:
 def check_output(path: Path, passes: tuple[str, ...] | None) -> Path:
     """Return `path`, or raise CommandError where a picture could not be written to it after a long render."""
     if path.suffix.lower() not in (*SUFFIXES, ".npz"):
-        raise CommandError(f"{path}: expected a name that ends in {' or '.join(SUFFIXES)}")
+        raise CommandError(f"{path}: expected a name that ends in {', '.join(SUFFIXES)} or .npz")
     if passes and path.suffix.lower() == ".png":
         raise CommandError(f"{path}: passes need an .exr file")
     check_replaceable_picture(path)

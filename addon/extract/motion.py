@@ -28,7 +28,7 @@ from .. import versions
 from .camera import make_camera_motion, read_camera
 from .dicing import Diced, carry_shape
 from .meshes import Points, extract_points, has_points, has_shape, open_mesh, read_corners, read_shape
-from .shutter import SetFrame, Shutter, read_curve
+from .shutter import SetFrame, Shutter, list_times, read_curve
 from .strand_motion import FollowedStrands, PlacedStrands, StrandTrack, make_curves_motion, read_shapes, start_track
 from .strands import Strands
 from .velocities import move_points, read_velocity
@@ -214,11 +214,6 @@ def use_deformation(shown: Any, instancer: Any) -> bool:
     return all(getattr(getattr(each, "cycles", None), "use_deform_motion", True) for each in (shown, instancer))
 
 
-def list_times(steps: int) -> list[float]:
-    """Return the times of steps, -1 to 1."""
-    return [2.0 * step / (steps - 1) - 1.0 for step in range(steps)] if steps else []
-
-
 def find_key(instance: Any, source: Any, instancer: Any) -> TrackKey:
     """Return what an instance is called at all times."""
     identity = tuple(instance.persistent_id) if instance.is_instance else ()
@@ -313,10 +308,13 @@ def list_shapes(
     if track.velocity is not None:
         steps = move_points(base.positions, track.velocity, seconds)
         if steps is None:
-            warnings.add("velocities that are not finite: it keeps its shape in motion", track.name)
+            warnings.add("velocities of others, or that are not finite: it keeps its shape in motion", track.name)
         return [(step, base.normals) for step in steps or ()]
     shapes = [track.shapes.get(time, middle) for time in list_times(track.steps)] if track.shapes else []
-    return [shape if has_shape(shape, middle) else middle for shape in shapes]
+    fitting = [shape if has_shape(shape, middle) else middle for shape in shapes]
+    if any(one is not other for one, other in zip(fitting, shapes, strict=True)):
+        warnings.add("its number of vertices changes while the shutter is open: it keeps its shape there", track.name)
+    return fitting
 
 
 def displace_steps(

@@ -77,3 +77,8 @@ def opened_shutter(shutter: Shutter, set_frame: SetFrame) -> Iterator[None]:
         yield
     finally:
         set_frame(shutter.frame, shutter.subframe)
+
+
+def list_times(steps: int) -> list[float]:
+    """Return the times of steps, -1 to 1."""
+    return [2.0 * step / (steps - 1) - 1.0 for step in range(steps)] if steps else []

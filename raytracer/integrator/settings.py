@@ -47,7 +47,7 @@ class Settings:
     samples : rays per pixel, at most
     error : the error of the picture (`Film.error`) at which it is done, 0.01 for 1%; None takes all samples
     min_samples : before which the error does not end it; 0 chooses
-    adaptive : True gives more samples to pixels that need them; `samples` is their mean then, at the cost of even ones.
+    adaptive : True gives more samples to pixels that need them; all together cost as much as `samples` of each.
         A border or a tile spreads its own, so its pixels are not bit for bit those of the whole picture
     seconds : the time that tracing may take; it ends after the last sweep that fits in, but not before the first. None
         sets no limit

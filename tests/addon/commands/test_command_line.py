@@ -124,7 +124,7 @@ USER_ERRORS: tuple[tuple[Any, str], ...] = (
     (("nofile.blend", "-o", "{out}.png"), "nofile.blend: no such file"),
     (("Makefile", "-o", "{out}.png"), "Makefile: not a .blend file"),
     (("{broken}", "-o", "{out}.png"), "broken.blend: "),
-    (("{blend}", "-o", "{out}.jpg"), ".jpg: expected a name that ends in .png or .exr"),
+    (("{blend}", "-o", "{out}.jpg"), ".jpg: expected a name that ends in .png, .exr or .npz"),
     (("{blend}", "-o", "{out}/no/a.png"), "no such folder"),
     (("{blend}", "-o", "/proc/a.png"), "/proc/a.png: "),
     (("{blend}", "-o", "{out}.png", "--part", "{out}/no/a.npz", "--size", "8x8", "--samples", "1"), "no such folder"),

@@ -195,6 +195,7 @@ def test_a_mesh_that_changes_its_vertices_stands_still(stage: Any, shown: Any) -
     assert counts == {3 * FRAME}
     moved = found.scene.motion
     assert moved is None or all(part.positions.shape[1] == 3 * FRAME for part in moved.meshes)
+    assert ["number of vertices changes" in str(warning) for warning in found.warnings] == [True]
 
 
 def add_velocity(shown: Any, velocity: Any) -> None:
@@ -222,7 +223,7 @@ def test_velocities_that_are_not_finite_are_named(stage: Any, shown: Any) -> Non
     add_velocity(shown, [np.nan] * 9)
     found = read(stage)[0]
     assert found.scene.motion is None
-    assert "velocities that are not finite: it keeps" in str(found.warnings[0])
+    assert "velocities of others, or that are not finite: it keeps" in str(found.warnings[0])
 
 
 def test_velocities_of_what_shall_not_deform_are_not_read(stage: Any, shown: Any, monkeypatch: Any) -> None:
