@@ -14,7 +14,7 @@ from .versions import count_passages, relative_path_options
 ENGINE = "REFERENCE_RAYTRACER"
 
 PRECISIONS = (
-    ("CERTIFIED", "Certified", "Every hit is decided exactly and comes with a proven bound on its error"),
+    ("CERTIFIED", "Certified", "Every hit is decided exactly (hair: in 64 bits) and has a proven bound on its error"),
     ("FLOAT64", "Double", "64-bit floating point: watertight, without the proof"),
     ("FLOAT32", "Single", "32-bit floating point: the error other renderers have, for comparison"),
 )

@@ -20,9 +20,17 @@ SCANNERS = (
     ),
 )
 SCANNED = (
-    ("VIEWPORT", "Viewport", "Scan everything that is visible in the viewport"),
-    ("RENDER", "Render", "Scan what renders show. Objects disabled in the viewport are left out"),
-    ("CAMERA", "Camera", "Scan what renders show to camera rays. Objects disabled in the viewport are left out"),
+    (
+        "VIEWPORT",
+        "Viewport",
+        "Scan the meshes that are visible in the viewport. Rays pass point clouds, hair and volumes",
+    ),
+    ("RENDER", "Render", "Scan the meshes that renders show. Objects disabled in the viewport are left out"),
+    (
+        "CAMERA",
+        "Camera",
+        "Scan the meshes that renders show to camera rays. Objects disabled in the viewport are left out",
+    ),
 )
 
 

@@ -58,8 +58,8 @@ def ray_cast(
         share an edge or a vertex
     objects, collection : only these objects, and those of this collection, are hit; an object stands also for the
         instances of it and for those that it makes
-    visibility : 'viewport', what viewports show, as Scene.ray_cast; 'render', what renders show; 'camera', of that what
-        cameras see. What viewports have disabled is in no viewport's depsgraph: `missing` lists it
+    visibility : 'viewport', the meshes that viewports show, as Scene.ray_cast; 'render', those that renders show;
+        'camera', of these what cameras see. What viewports have disabled is in no viewport's depsgraph: `missing` lists it
 
     Returns
     -------

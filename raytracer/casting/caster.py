@@ -281,8 +281,8 @@ class Caster(Questions):
     def crossings(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.int32]:
         """Return how many triangles each ray crosses, (n,) int32; odd means inside a closed mesh.
 
-        Exact parity also where a ray passes through edges and vertices or starts on a face (`crossings`). Spheres are
-        not counted; invalid rays cross nothing.
+        Exact parity also where a ray passes through edges and vertices or starts on a face (`crossings`). Spheres and
+        curves are not counted; invalid rays cross nothing.
 
         Raises
         ------
@@ -315,7 +315,7 @@ class Caster(Questions):
 def build(scene: Scene, precision: str = "certified", last: Caster | None = None) -> Caster:
     """Return a Caster for `scene`.
 
-    precision : 'certified' (every decision as exact arithmetic would make it), 'float64' or 'float32'
+    precision : 'certified' (every decision as exact arithmetic would make it, but among curves), 'float64' or 'float32'
     last : the caster of the scene as it was before, for instance a frame ago; trees of what did not move are taken from
         it. No result depends on it.
 

@@ -194,7 +194,8 @@ class RAYTRACER_OT_show_difference(bpy.types.Operator):
 
 
 class RAYTRACER_OT_judge_ray(bpy.types.Operator):
-    """Cast the chosen ray once more, ask Scene.ray_cast as well, and compute the exact distance in integers"""
+    """Cast the chosen ray once more among meshes, as Scene.ray_cast sees them (without hair, point clouds and
+    displacement by materials), and compute the exact distance in integers"""
 
     bl_idname = "raytracer.judge_ray"
     bl_label = "Judge Ray"
