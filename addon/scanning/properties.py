@@ -23,13 +23,13 @@ SCANNED = (
     (
         "VIEWPORT",
         "Viewport",
-        "Scan the meshes that are visible in the viewport. Rays pass point clouds, hair and volumes",
+        "Scan the meshes in the viewport. Rays pass point clouds, hair and volumes",
     ),
     ("RENDER", "Render", "Scan the meshes that renders show. Objects disabled in the viewport are left out"),
     (
         "CAMERA",
         "Camera",
-        "Scan the meshes that renders show to camera rays. Objects disabled in the viewport are left out",
+        "Scan the meshes that cameras see in renders. Objects disabled in the viewport are left out",
     ),
 )
 

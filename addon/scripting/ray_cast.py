@@ -59,7 +59,7 @@ def ray_cast(
     objects, collection : only these objects, and those of this collection, are hit; an object stands also for the
         instances of it and for those that it makes
     visibility : 'viewport', the meshes that viewports show, as Scene.ray_cast; 'render', those that renders show;
-        'camera', of these what cameras see. What viewports have disabled is in no viewport's depsgraph: `missing` lists it
+        'camera', of these what cameras see. `missing` lists what they have disabled: it is in no viewport's depsgraph
 
     Returns
     -------
