@@ -15,6 +15,7 @@ import numpy as np
 
 from raytracer.arrays.types import Indices
 from raytracer.casting.rays import Hits, Rays, join_rays
+from raytracer.lecture import length
 from raytracer.shading.nodes.inputs import name_of, read_alpha, read_factor, read_vector
 from raytracer.shading.nodes.operation import Array, Operation
 from raytracer.shading.site import Site
@@ -52,7 +53,9 @@ def cast(site: Site, position: Any, direction: Any, reach: Any, *, only_local: b
     ]
     rays, rows = join_rays(parts), np.concatenate([leaving, elsewhere])
     if site.apart is not None:
-        rays = replace(rays, t_min=BUMP_MARGIN * site.apart[rows])
+        size = length(rays.directions)
+        least = np.divide(BUMP_MARGIN * site.apart[rows], size, out=np.zeros(len(rays)), where=size > 0)
+        rays = replace(rays, t_min=least)
     caster = site.probe.caster
     hits = caster.inside(rays, site.surface.instance[rows]) if only_local else caster.closest(rays)
     met = np.flatnonzero(hits.hit)

@@ -108,14 +108,23 @@ def test_attributes_of_what_is_hit_are_read():
         np.testing.assert_allclose(see(make_material(output, name=name, reach=0.5), ceiling), 0.0, atol=1e-15)
 
 
-def test_a_bump_leaves_out_what_is_as_near_as_its_places():
-    """A wall a thousandth of a pixel away would be met from one of the three places, and not from the others."""
+@pytest.mark.parametrize("size", [0.01, 1.0, 100.0])
+def test_a_bump_leaves_out_what_is_as_near_as_its_places(size):
+    """A wall a thousandth of a pixel away would be met from one of the three places, and not from the others.
+
+    size : of the direction, in which distances are counted
+    """
     height = Program(
         [
             Step("NEW_GEOMETRY Position", ()),
-            Step("MATERIAL_RAYCAST", (Register(0, "Position"), np.array((1.0, 0.0, 0.0)), 5.0), {"only_local": False}),
+            Step(
+                "MATERIAL_RAYCAST",
+                (Register(0, "Position"), np.array((size, 0.0, 0.0)), 5.0 / size),
+                {"only_local": False},
+            ),
+            Step("MATH", (Register(1, "Hit Distance"), size, 0.0), {"operation": "MULTIPLY", "use_clamp": False}),
         ],
-        Register(1, "Hit Distance"),
+        Register(2, "Value"),
     )
     steps = [
         Step("NEW_GEOMETRY Normal", ()),
