@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -82,12 +83,17 @@ def keep_film(path: Path | None, arguments: argparse.Namespace) -> Iterator[None
     if path is None:
         yield
         return
-    from raytracer.rendering.checkpoints import EVERY_SECONDS
+    from raytracer.rendering.checkpoints import EVERY_SECONDS, describe_fault
 
     from ..engine.orders import KeepFilm, give
 
     every = EVERY_SECONDS if arguments.every is None else arguments.every
-    order = KeepFilm(path, arguments.tile, arguments.until, every)
+    told = sys.stderr  # which the render hides
+
+    def warn(error: OSError) -> None:
+        print(f"warning: {describe_fault(error)}", file=told)
+
+    order = KeepFilm(path, arguments.tile, arguments.until, every, warn)
     with interrupts.listen_for(signal.SIGTERM), give(order):
         yield
 

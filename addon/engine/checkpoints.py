@@ -73,7 +73,8 @@ def make_order(engine: Any, scene: Any, view_layer: str, view: str = "") -> Keep
     def warn(error: OSError) -> None:
         engine.report({"WARNING"}, f"Checkpoint not saved: {path}: {error.strerror}")
 
-    return KeepFilm(path, every=float(scene.reference_raytracer.checkpoint_interval), on_fault=warn)
+    every = float(scene.reference_raytracer.checkpoint_interval)
+    return KeepFilm(path, every=every, on_fault=warn, must_write=False)
 
 
 def remove_files(engine: Any, scene: Any) -> None:

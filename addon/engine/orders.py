@@ -15,6 +15,7 @@ from typing import Any
 
 import raytracer
 from raytracer.film.film import Film
+from raytracer.rendering.blocks import _say_nothing
 from raytracer.rendering.checkpoints import EVERY_SECONDS, render_into
 
 from .. import interrupts
@@ -29,14 +30,15 @@ class KeepFilm:
 
     tile, until : as in `raytracer.render`; without a tile the film is all of the picture, what is inside its border
     every : seconds between two writes
-    on_fault : called where the file cannot be written; None ends the render
+    on_fault, must_write : as in `render_into`
     """
 
     path: Path
     tile: tuple[int, int] | None = None
     until: int | None = None
     every: float = EVERY_SECONDS
-    on_fault: Callable[[OSError], None] | None = None
+    on_fault: Callable[[OSError], None] = _say_nothing
+    must_write: bool = True
 
     def render(self, *arguments: Any, is_cancelled: Callable[[], bool], **keywords: Any) -> Film:
         """Render as `raytracer.render` does; Ctrl-C ends it with what there is, in the file."""
@@ -44,9 +46,10 @@ class KeepFilm:
         def is_over() -> bool:
             return interrupts.is_noted() or is_cancelled()
 
-        settings = {"tile": self.tile or (1, 1), "until": self.until, "is_cancelled": is_over, **keywords}
+        writing: dict[str, Any] = {"every": self.every, "on_fault": self.on_fault, "must_write": self.must_write}
+        settings = {"tile": self.tile or (1, 1), "until": self.until, "is_cancelled": is_over, **writing, **keywords}
         with interrupts.poll():
-            film = render_into(self.path, *arguments, every=self.every, on_fault=self.on_fault, **settings)
+            film = render_into(self.path, *arguments, **settings)
         interrupts.check()
         return film
 

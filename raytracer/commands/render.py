@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,7 +29,7 @@ from raytracer.film.film import Film
 from raytracer.film.film_picture import save_picture
 from raytracer.film.parts import LIMITS
 from raytracer.integrator.settings import Settings
-from raytracer.rendering.checkpoints import EVERY_SECONDS, render_into
+from raytracer.rendering.checkpoints import EVERY_SECONDS, describe_fault, render_into
 from raytracer.scene.scene_file import load, load_settings
 
 SUFFIXES = (".npz", ".exr")
@@ -76,7 +77,7 @@ def run(arguments: argparse.Namespace) -> None:
     scene = load(arguments.file)
     keywords = choose_keywords(load_settings(arguments.file), arguments)
     with listen() as is_stopped:
-        film = render_into(path, scene, every=arguments.every, is_cancelled=is_stopped, **keywords)
+        film = render_into(path, scene, every=arguments.every, on_fault=warn, is_cancelled=is_stopped, **keywords)
     if film.cancelled:
         raise ValueError(f"interrupted: {path} has {describe_progress(film)}; the same command goes on from there")
     if is_picture:
@@ -84,6 +85,11 @@ def run(arguments: argparse.Namespace) -> None:
         if film.samples >= film.total or film.ended_by in LIMITS:  # nothing is left to go on for
             path.unlink()
     print(output, flush=True)
+
+
+def warn(error: OSError) -> None:
+    """Say that the film's file could not be written meanwhile."""
+    print(f"warning: {describe_fault(error)}", file=sys.stderr)
 
 
 def name_film(picture: Path) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import signal
 import subprocess
@@ -16,9 +17,9 @@ import pytest
 import raytracer
 from addon.commands import merge
 from addon.commands.arguments import parse_tile
-from addon.commands.command_line import CommandError
-from addon.commands.parts import check_arguments, is_finished
-from addon.engine.orders import KeepFilm
+from addon.commands.command_line import CommandError, hide_python_output
+from addon.commands.parts import check_arguments, is_finished, keep_film
+from addon.engine.orders import KeepFilm, find_order
 from raytracer.film.film import Film
 from tests.addon.commands.test_command_line import run_command
 from tests.addon.engine.engine_fixtures import read_image
@@ -173,6 +174,14 @@ def test_the_film_of_a_border_is_a_whole_picture(tmp_path: Path) -> None:
     order.render(scene, 20, 10, 1, border=(2, 1, 9, 8), is_cancelled=lambda: False)
     merged = raytracer.merge([raytracer.load_film(tmp_path / "film.npz")])
     assert (merged.left, merged.bottom, merged.width, merged.height) == (2, 1, 7, 7)
+
+
+def test_a_write_that_fails_meanwhile_is_told_through_what_the_render_hides(tmp_path: Path, capsys) -> None:
+    """It ended the render."""
+    path = tmp_path / "film.npz"
+    with keep_film(path, argparse.Namespace(every=None, tile=None, until=None)), hide_python_output():
+        find_order().on_fault(OSError(errno.ENOSPC, "No space left on device", str(path)))
+    assert capsys.readouterr().err == f"warning: {path}: not written, which is tried again: No space left on device\n"
 
 
 def test_films_without_a_picture_make_none(tmp_path: Path) -> None:

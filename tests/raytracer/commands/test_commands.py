@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import errno
+import itertools
 import os
 import signal
 import subprocess
@@ -17,6 +19,7 @@ import raytracer
 from raytracer.commands import render as render_command
 from raytracer.commands.command_line import main
 from raytracer.files.unfinished import PREFIX
+from raytracer.film import film_file
 from raytracer.film.error import format_error, format_interval
 from tests.folders import ROOT
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
@@ -53,6 +56,22 @@ def test_a_render_stops_goes_on_and_is_the_whole(tmp_path: Path, scene_file: Pat
     assert same(raytracer.load_film(output), expect(6))
     assert main([*options[:-1], "9"]) == 0
     assert same(raytracer.load_film(output), expect(9))
+
+
+def test_a_write_that_fails_meanwhile_is_told_and_the_render_goes_on(tmp_path, scene_file, capsys, monkeypatch) -> None:
+    """It ended the render."""
+    output, writes, write_archive = tmp_path / "film.npz", itertools.count(), film_file.write_archive
+
+    def write(path: Path, *arguments: object) -> None:
+        if next(writes) == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        write_archive(path, *arguments)
+
+    monkeypatch.setattr(film_file, "write_archive", write)
+    assert main(["render", str(scene_file), "-o", str(output), *SIZE, "--samples", "3", "--every", "0"]) == 0
+    reason = os.strerror(errno.ENOSPC)
+    assert capsys.readouterr().err == f"warning: {output}: not written, which is tried again: {reason}\n"
+    assert same(raytracer.load_film(output), expect(3))
 
 
 def test_a_picture_of_some_of_its_samples_keeps_its_film(tmp_path: Path, scene_file: Path) -> None:
