@@ -222,7 +222,7 @@ def render_frame(bpy: Any, scene: Any, path: Path) -> Any:
 
     forget_all()
     width, height = measure_picture(scene.render)
-    with replace_file(path, lambda picture: check_picture(picture, width, height)) as picture:
+    with replace_file(path, lambda picture: check_picture(picture, width, height), keep_unmoved=True) as picture:
         scene.render.filepath = escape_path(str(picture))
         scene.render.use_file_extension = False
         tidying = interrupts.tidying(lambda: picture.unlink(missing_ok=True))

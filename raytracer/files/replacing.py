@@ -11,17 +11,22 @@ import contextlib
 import errno
 import os
 import stat
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from raytracer.files.unfinished import PREFIX, NewFile, sweep_unfinished
+from raytracer.files.unfinished import PREFIX, NewFile, replace_in_use, sweep_unfinished
 
 
 @contextlib.contextmanager
-def replace_file(path: str | Path, check: Callable[[Path], None] | None = None) -> Iterator[Path]:
+def replace_file(
+    path: str | Path, check: Callable[[Path], None] | None = None, keep_unmoved: bool = False
+) -> Iterator[Path]:
     """Hand out an empty file beside `path`, with its suffix, that replaces it at the end of the block.
 
     check : looks at what was written and raises ValueError, a sentence without the path, where it is not whole
+    keep_unmoved : True where what was written took long, and stays under a name that the error tells, if it is whole
+        and only cannot take the place of `path`
 
     Raises
     ------
@@ -39,7 +44,7 @@ def replace_file(path: str | Path, check: Callable[[Path], None] | None = None) 
             yield new.path
             if check is not None:
                 check_whole(new.path, path, check)
-            move_over(new, target)
+            move_over(new, target, keep_unmoved)
     finally:
         new.remove()
 
@@ -60,6 +65,8 @@ def check_replaceable(path: str | Path) -> None:
     target = find_target(path)
     with name_in_errors(path):
         NewFile(target).remove()
+        if sys.platform == "win32" and target.exists():  # one that is open cannot be replaced
+            replace_in_use(target, target)
 
 
 def find_target(path: str | Path) -> Path:
@@ -88,13 +95,19 @@ def check_whole(new: Path, path: str | Path, check: Callable[[Path], None]) -> N
         raise ValueError(f"{path}: not written: {error}") from None
 
 
-def move_over(new: NewFile, target: Path) -> None:
+def move_over(new: NewFile, target: Path, keep_unmoved: bool = False) -> None:
     """Let a new file, once it is on the disk, take the place of `target` and the permissions of what stood there."""
     with new.path.open("r+b") as written:
         os.fsync(written.fileno())
     if target.exists():
         new.path.chmod(stat.S_IMODE(target.stat().st_mode))
-    new.move(target)
+    try:
+        new.move(target)
+    except OSError as error:
+        if not keep_unmoved:
+            raise
+        kept = new.keep(target)
+        raise OSError(error.errno, f"{error.strerror}; what was written is in {kept}", error.filename) from error
 
 
 @contextlib.contextmanager

@@ -21,12 +21,15 @@ PREFIX = ".writing-"
 NAME = re.compile(re.escape(PREFIX) + r"[0-9a-f]{12}(\..*)?", re.DOTALL)
 # Seconds after its last write in which a file is left alone on Windows: many times what moving it takes.
 NEW_SECONDS = 10.0
+# Seconds in which who looks at a file on Windows (a virus scanner, a backup, a command that reads it) has closed it.
+IN_USE_SECONDS = 5.0
 
 
 class NewFile:
     """An empty file beside `target`, at `path`, with its suffix and the permissions that a file made by `open` has."""
 
     def __init__(self, target: Path) -> None:
+        self._is_kept = False
         while True:
             self.path = target.with_name(f"{PREFIX}{secrets.token_hex(6)}{target.suffix}")
             self._owner = open(self.path, "xb")  # noqa: SIM115 (open as long as the file is being written)
@@ -40,13 +43,36 @@ class NewFile:
         """Let the file take the place of `target`."""
         if sys.platform == "win32":
             self._owner.close()
-        os.replace(self.path, target)
+        replace_in_use(self.path, target)
         self._owner.close()
 
-    def remove(self) -> None:
-        """Remove the file, unless it has been moved."""
+    def keep(self, target: Path) -> Path:
+        """Give the file a name beside that of `target`, which it could not take the place of; return where it is."""
         self._owner.close()
-        self.path.unlink(missing_ok=True)
+        self._is_kept = True
+        kept = target.with_name(f"{target.stem}-{secrets.token_hex(3)}{target.suffix}")
+        with contextlib.suppress(OSError):  # in a folder that has become read-only it stays as it is
+            os.rename(self.path, kept)
+            self.path = kept
+        return self.path
+
+    def remove(self) -> None:
+        """Remove the file, unless it has been moved or kept."""
+        self._owner.close()
+        if not self._is_kept:
+            self.path.unlink(missing_ok=True)
+
+
+def replace_in_use(path: Path, target: Path) -> None:
+    """Move a file as os.replace does; on Windows, where it cannot take the place of an open one, as soon as it can."""
+    until = time.monotonic() + IN_USE_SECONDS
+    while True:
+        try:
+            return os.replace(path, target)
+        except PermissionError:
+            if sys.platform != "win32" or time.monotonic() > until:
+                raise
+        time.sleep(0.05)
 
 
 def sweep_unfinished(folder: Path) -> None:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import errno
+import itertools
+import math
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import raytracer.files.unfinished as unfinished
 from raytracer.files.replacing import replace_file, write_bytes
-from raytracer.files.unfinished import NEW_SECONDS, PREFIX, NewFile, sweep_unfinished
+from raytracer.files.unfinished import NAME, NEW_SECONDS, PREFIX, NewFile, sweep_unfinished
 from tests.folders import ROOT
 from tests.portable import kill
 
@@ -109,6 +112,55 @@ def test_where_files_have_no_locks_files_are_written_and_none_is_swept(
     write_bytes(tmp_path / "target.bin", b"whole")
     sweep_unfinished(tmp_path)
     assert list_names(tmp_path) == [left.name, "target.bin"]
+
+
+def make_busy(monkeypatch: pytest.MonkeyPatch, times: float) -> None:
+    """Let the system be Windows, and the next `times` moves find their target open."""
+    replace, moves = os.replace, itertools.count()
+
+    def refuse(path: Path, target: Path) -> None:
+        if next(moves) < times:
+            raise PermissionError(errno.EACCES, "Access is denied", str(path))
+        replace(path, target)
+
+    monkeypatch.setattr(unfinished, "sys", SimpleNamespace(platform="win32"))
+    monkeypatch.setattr(os, "replace", refuse)
+
+
+def test_on_windows_a_file_that_somebody_has_open_is_replaced_once_it_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who looked at a film while it was written ended the render."""
+    make_busy(monkeypatch, times=3)
+    write_bytes(tmp_path / "target.bin", b"whole")
+    assert (tmp_path / "target.bin").read_bytes() == b"whole"
+    make_busy(monkeypatch, times=math.inf)
+    monkeypatch.setattr(unfinished, "IN_USE_SECONDS", 0.2)
+    with pytest.raises(PermissionError):
+        write_bytes(tmp_path / "target.bin", b"new")
+    assert (tmp_path / "target.bin").read_bytes() == b"whole"
+    assert list_names(tmp_path) == ["target.bin"]
+
+
+@pytest.mark.parametrize("name", ["picture.png", f"{'long' * 62}.png"])
+def test_what_took_long_stays_under_another_name_where_it_cannot_be_moved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """A picture of hours was removed where its old one was open in a viewer."""
+
+    def refuse(path: Path, target: Path) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(os, "replace", refuse)
+    target = tmp_path / name
+    denied = pytest.raises(OSError, match="Permission denied; what was written is in")
+    with denied as caught, replace_file(target, keep_unmoved=True) as new:
+        new.write_bytes(b"whole")
+    assert caught.value.filename == str(target)
+    kept = Path(str(caught.value.strerror).split(" is in ")[1])
+    assert kept.read_bytes() == b"whole"
+    assert list_names(tmp_path) == [kept.name]
+    assert NAME.fullmatch(kept.name) is None or len(name) > 200  # nobody sweeps it, where there is room for a name
 
 
 def test_a_folder_that_cannot_be_looked_at_is_left_alone(tmp_path: Path) -> None:
