@@ -179,8 +179,6 @@ def trace_blocks(
     """
     make_tracer = make_tracer or BlockTracer
     if pool is not None:
-        _, caster, *_ = tracer_arguments
-        caster.closest_hit(*RAY)  # its tree is built here, and shared: each worker would build one of its own
         pool.load(make_tracer, *tracer_arguments, is_dropped)
         on_stage("Tracing")
         for blocks in phases:

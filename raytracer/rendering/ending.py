@@ -26,7 +26,7 @@ class Ending:
     """Knows when a film is done.
 
     sweeps : the most of the film
-    started : when tracing began, by `time.perf_counter`
+    started : when tracing began, by `time.perf_counter`, unless `begin` knows better
     done : sweeps that the film had before
     """
 
@@ -34,16 +34,19 @@ class Ending:
         self._settings = settings
         self.sweeps = self._expected = sweeps
         self._started, self._done = started, done
+        self._has_begun = False
         self._share = 0.0
         self._next_look = round_up(settings.min_samples or FEWEST_SAMPLES)
         self._plan_look(done - 1)
         self._looks_first = self._next_look == done
         self._plan_look(done)
 
-    @property
-    def looks_at_error(self) -> bool:
-        """True where the error may end it."""
-        return self._settings.error is not None
+    def begin(self, seconds: float) -> None:
+        """Take note, by the first call, of how long the block took that is there now: before it was no tracing, but
+        trees and tables, which no further sweep takes the time of."""
+        if not self._has_begun:
+            self._started = max(self._started, time.perf_counter() - seconds)
+        self._has_begun = True
 
     def find_first(self, film: Film) -> EndedBy | None:
         """Return why a film that goes on is done as it is, or None; called before its first sweep.

@@ -29,6 +29,7 @@ from raytracer.rendering.adaptive import AdaptivePlan, add_listed, check_counts
 from raytracer.rendering.allocation import choose_pilot
 from raytracer.rendering.block_plan import GATHERED, LARGE_PICTURE, MANY_WORKERS, SWEEP_GROWTH, BlockPlan
 from raytracer.rendering.blocks import (
+    RAY,
     Block,
     BlockResult,
     FrameWindow,
@@ -43,6 +44,7 @@ from raytracer.rendering.blocks import (
 )
 from raytracer.rendering.ending import EndedBy, Ending
 from raytracer.rendering.moving_tracer import MovingTracer, find_time_side
+from raytracer.scene.moments import moves_geometry
 from raytracer.scene.scene import Scene
 from raytracer.scene.scene_digest import digest_scene
 
@@ -121,6 +123,10 @@ def render(
         if chosen.workers > 1 and pool is None:
             tell(f"Starting {chosen.workers} workers")
             pool = stack.enter_context(Workers(chosen.workers))
+        stands_still = scene.motion is None or not moves_geometry(scene.motion)
+        if pool is not None or (chosen.seconds is not None and stands_still):
+            # Its tree is built here: each worker would build one of its own, and it is no part of the time of tracing.
+            caster.closest_hit(*RAY)
         make_tracer = None if scene.motion is None else MovingTracer
         arguments = (scene, caster, window, chosen if film.pilot else replace(chosen, adaptive=False))
         phases = plan.phases()
@@ -272,6 +278,7 @@ def accumulate(
     """Add results to the film as they come, and tell the callbacks; return what ended it, None if it was cancelled."""
     started = time.perf_counter() - film.statistics.trace_seconds
     for result in results:
+        ending.begin(result.seconds)
         plan.observe(result)
         ends_sweep = plan.ends_sweep(result.block)
         ended_by = add_result(film, result, ending, ends_sweep)

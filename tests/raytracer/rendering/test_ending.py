@@ -1,17 +1,19 @@
 """When a render ends: at its samples, an error or a time, and with which bits."""
 
 import itertools
+import time
 
 import numpy as np
 import pytest
 
+from raytracer.casting.caster import Caster
 from raytracer.film.film import Film
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import block_plan, ending
 from raytracer.rendering.adaptive import add_listed
 from raytracer.rendering.block_plan import FIRST_SWEEPS, BlockPlan
-from raytracer.rendering.blocks import Block, BlockResult, ListedBlock
+from raytracer.rendering.blocks import RAY, Block, BlockResult, ListedBlock
 from raytracer.rendering.ending import Ending
 from raytracer.rendering.render import add_result, render
 from tests.raytracer.rendering.error_scenes import SCENES
@@ -114,6 +116,36 @@ def test_time_is_told_by_the_sweeps_of_this_render(monkeypatch):
         film.samples += 1
         found = limited.find(film)
     assert (film.samples, found) == (103, "time")
+
+
+def test_what_was_prepared_takes_no_time_of_the_sweeps(monkeypatch):
+    """Trees and tables of 31 s were taken for the cost of a sweep, on a clock of one second a sweep: only one came."""
+    now = [31.0]
+    monkeypatch.setattr(ending.time, "perf_counter", lambda: now[0])
+    limited = Ending(Settings(seconds=29.5), 100, started=0.0)
+    film, found = Film(1, 1, ("Combined",)), None
+    while found is None:
+        now[0] += 1.0
+        limited.begin(1.0)
+        film.samples += 1
+        found = limited.find(film)
+    assert (film.samples, found) == (29, "time")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_time_limit_is_one_of_tracing(monkeypatch, workers):
+    """A tree that took as long as there was time left one sample."""
+    cast, seconds = Caster.closest_hit, 2.0
+
+    def build_slowly(caster: Caster, *arguments, **keywords):
+        if arguments[0] is RAY[0]:
+            time.sleep(seconds)
+        return cast(caster, *arguments, **keywords)
+
+    monkeypatch.setattr(Caster, "closest_hit", build_slowly)
+    film = render(SCENE, 12, 8, 10**6, seconds=seconds, workers=workers)
+    assert film.ended_by == "time"
+    assert film.samples > 4
 
 
 def test_sweeps_that_were_traced_together_are_kept_when_the_time_is_over():
