@@ -28,9 +28,9 @@ from raytracer.files.replacing import check_replaceable
 from raytracer.film.film import Film
 from raytracer.film.film_picture import save_picture
 from raytracer.film.parts import LIMITS
-from raytracer.integrator.settings import Settings
+from raytracer.integrator.settings import Settings, check_known
 from raytracer.rendering.checkpoints import EVERY_SECONDS, describe_fault, render_into
-from raytracer.scene.scene_file import load, load_settings
+from raytracer.scene.scene_file import load_with_settings
 
 SUFFIXES = (".npz", ".exr")
 # With --error and no --samples: as many as Cycles takes with a noise threshold, at most.
@@ -74,8 +74,8 @@ def run(arguments: argparse.Namespace) -> None:
     path = name_film(output) if is_picture else output
     for file in {path, output}:
         check_replaceable(file)
-    scene = load(arguments.file)
-    keywords = choose_keywords(load_settings(arguments.file), arguments)
+    scene, found = load_with_settings(arguments.file)
+    keywords = choose_keywords(found, arguments)
     with listen() as is_stopped:
         film = render_into(path, scene, every=arguments.every, on_fault=warn, is_cancelled=is_stopped, **keywords)
     if film.cancelled:
@@ -99,10 +99,7 @@ def name_film(picture: Path) -> Path:
 
 def choose_keywords(found: dict[str, Any], arguments: argparse.Namespace) -> dict[str, Any]:
     """Return keywords of `render`: those of the scene's file, and what the command line says in their place."""
-    known = ("width", "height", *Settings.__dataclass_fields__)
-    for name in found:
-        if name not in known:
-            raise ValueError(f"{arguments.file}: a setting {name!r}, which this version does not know")
+    check_known(found, arguments.file)
     keywords = dict(found)
     if arguments.size:
         keywords["width"], keywords["height"] = arguments.size

@@ -29,6 +29,10 @@ class PictureKey:
         self.choices: dict[str, Any] = json.loads(json.dumps({"version": VERSION, **choices}))
         self._digest_scene = digest_scene
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Go to other processes with the digests, and without the scene."""
+        return restore_key, (self.choices, self.scene)
+
     @cached_property
     def scene(self) -> dict[str, str]:
         """The digests of the scene's fields."""

@@ -158,6 +158,13 @@ class Settings:
             object.__setattr__(self, "interleaving", side)
 
 
+def check_known(names: Iterable[str], file: str) -> None:
+    """Raise ValueError, naming the file, where it gives a picture's size and settings other names than there are."""
+    for name in names:
+        if name not in ("width", "height", *Settings.__dataclass_fields__):
+            raise ValueError(f"{file}: a setting {name!r}, which this version does not know")
+
+
 def check_integer(value: Any, low: int, high: int | None, field: str) -> int:
     """Return a whole number from low to high (None: no upper limit), NumPy's integers included, as int.
 

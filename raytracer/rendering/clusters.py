@@ -19,11 +19,14 @@ from raytracer.casting.caster import Caster, build
 from raytracer.casting.rays import Hits
 from raytracer.film.film import Film
 from raytracer.film.parts import merge
-from raytracer.integrator.settings import Settings, check_integer
+from raytracer.film.picture_key import describe_difference, restore_key
+from raytracer.integrator.settings import Settings, check_integer, check_known
 from raytracer.processes.dask_pool import take_result
+from raytracer.processes.workers import WorkerError
 from raytracer.rendering.render import prepare_film, render
 from raytracer.scene.scene import Scene
-from raytracer.scene.scene_file import load, load_settings
+from raytracer.scene.scene_digest import digest_scene
+from raytracer.scene.scene_file import load, load_with_settings
 
 # Tiles for each thread of the cluster: what is lost with a worker is one of them, and the last ones do not keep others
 # waiting for long.
@@ -55,14 +58,18 @@ def render_on(
     Raises
     ------
     WorkerError
-        If a tile could not be rendered, which the sentence says the reason of.
+        If a tile could not be rendered, which the sentence says the reason of, or is of another picture, as where a
+        worker reads another file, or has another version.
     ValueError
         If a setting does not fit.
     """
     if tiles is not None:
         check_integer(tiles, 1, None, "render_on: tiles")
+    if "tile" in settings:
+        raise ValueError(f"render_on: tile: all of them are rendered, got {settings['tile']}; `border` is a part")
     if isinstance(scene, str | Path):
-        whole, found = load(scene), load_settings(scene)
+        whole, found = load_with_settings(scene)
+        check_known(found, str(scene))
         settings = {name: value for name, value in found.items() if name not in OWN_ARGUMENTS} | settings
     else:
         whole = scene
@@ -78,7 +85,11 @@ def render_on(
     films = []
     for future in futures:
         film = take_result(future)
-        film.key = empty.key
+        assert film.key is not None
+        assert empty.key is not None
+        difference = describe_difference(film.key, empty.key)
+        if difference:
+            raise WorkerError(f"a worker of the cluster has rendered another picture: {difference}")
         films.append(film)
         future.release()
     return merge(films)
@@ -90,7 +101,10 @@ def render_tile(
     """Render a tile in a process of the cluster; return its film, with all that it knows of its error."""
     opened = load_once(scene, os.stat(scene).st_mtime_ns) if isinstance(scene, str) else scene
     caster = build_once(opened, settings.get("precision", Settings.precision))
-    return render(opened, width, height, samples, caster=caster, **{**settings, "tile": tile})
+    film = render(opened, width, height, samples, caster=caster, **{**settings, "tile": tile})
+    assert film.key is not None
+    film.key = restore_key(film.key.choices, digest_once(opened))
+    return film
 
 
 @lru_cache(maxsize=1)
@@ -103,6 +117,12 @@ def load_once(path: str, written: int) -> Scene:
 def build_once(scene: Scene, precision: str) -> Caster:
     """Return a scene's caster, which all tiles of this process use."""
     return build(scene, precision)
+
+
+@lru_cache(maxsize=1)
+def digest_once(scene: Scene) -> dict[str, str]:
+    """Return what tells a scene from others, computed once for all tiles."""
+    return digest_scene(scene)
 
 
 def cast_blocks(caster: Caster, origins: Any, directions: Any) -> Any:

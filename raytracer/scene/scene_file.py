@@ -126,8 +126,13 @@ def load_settings(path: str | Path) -> dict[str, Any]:
     4
     """
     with open_archive(path, f"a scene written by raytracer.save ({FILE_FORMAT})") as archive:
-        settings = take_table(archive.read_outline(FILE_FORMAT).get("settings", {}))
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()}
+        return read_settings(archive)
+
+
+def load_with_settings(path: str | Path) -> tuple[Scene, dict[str, Any]]:
+    """Return what `load` and `load_settings` do, of one and the same file where it is replaced meanwhile."""
+    with open_archive(path, f"a scene written by raytracer.save ({FILE_FORMAT})") as archive:
+        return read_scene(archive), read_settings(archive)
 
 
 def is_scene_file(path: str | Path) -> bool:
@@ -147,6 +152,12 @@ def read_scene(archive: Archive) -> Scene:
     if not isinstance(scene, Scene):
         raise ValueError(f"a {type(scene).__name__}")
     return scene
+
+
+def read_settings(archive: Archive) -> dict[str, Any]:
+    """Return the settings in an archive."""
+    settings = take_table(archive.read_outline(FILE_FORMAT).get("settings", {}))
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()}
 
 
 def _restore(value: Any, archive: Archive) -> Any:

@@ -21,6 +21,7 @@ from raytracer.commands.command_line import main
 from raytracer.files.unfinished import PREFIX
 from raytracer.film import film_file
 from raytracer.film.error import format_error, format_interval
+from raytracer.scene import scene_file as scene_file_module
 from tests.folders import ROOT
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
 
@@ -154,6 +155,15 @@ def test_errors_are_one_line_and_leave_files_alone(tmp_path, scene_file, capsys,
     assert reason in lines[0]
     assert [path.name for path in tmp_path.iterdir()] == [scene_file.name]
     assert scene_file.read_bytes() == before
+
+
+def test_a_scene_and_its_settings_are_of_one_file(tmp_path: Path, scene_file: Path, monkeypatch) -> None:
+    """An export in between gave the old scene with the new settings."""
+    opened = []
+    open_archive = scene_file_module.open_archive
+    monkeypatch.setattr(scene_file_module, "open_archive", lambda *names: opened.append(names) or open_archive(*names))
+    assert main(["render", str(scene_file), "-o", str(tmp_path / "film.npz"), *SIZE, "--samples", "1"]) == 0
+    assert len(opened) == 1
 
 
 def test_a_name_beyond_the_encoding_of_the_console_is_printed_with_escapes(tmp_path: Path, scene_file: Path) -> None:
