@@ -2,15 +2,18 @@
 
 The writer holds its file open and locked until it stands in its place: both end with the process, however it ends. So
 an unfinished file that nobody holds is one that a killed process left. On POSIX a lock tells; on Windows an open file
-cannot be removed, and none is while it is new, as it must not be open while it is moved.
+cannot be removed, and none is while it is new, as it must not be open while it is moved. In a folder that machines
+share, locks may be known to their own one alone (sshfs, NFS without locks): a file's name says whose it is.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import re
 import secrets
+import socket
 import sys
 import time
 from pathlib import Path
@@ -19,6 +22,10 @@ from typing import IO
 # An unfinished file is named apart from its target, whose name may have no room for more letters.
 PREFIX = ".writing-"
 NAME = re.compile(re.escape(PREFIX) + r"[0-9a-f]{12}(\..*)?", re.DOTALL)
+# What tells the files of this machine from those of others.
+MACHINE = hashlib.sha256(socket.gethostname().encode()).hexdigest()[:4]
+# Seconds after its last write in which another machine's file is left alone.
+FOREIGN_SECONDS = 3600.0
 # Seconds after its last write in which a file is left alone on Windows: many times what moving it takes.
 NEW_SECONDS = 10.0
 # Seconds in which who looks at a file on Windows (a virus scanner, a backup, a command that reads it) has closed it.
@@ -31,7 +38,7 @@ class NewFile:
     def __init__(self, target: Path) -> None:
         self._is_kept = False
         while True:
-            self.path = target.with_name(f"{PREFIX}{secrets.token_hex(6)}{target.suffix}")
+            self.path = target.with_name(f"{PREFIX}{MACHINE}{secrets.token_hex(4)}{target.suffix}")
             self._owner = open(self.path, "xb")  # noqa: SIM115 (open as long as the file is being written)
             with contextlib.suppress(OSError):  # where there are no locks, nothing is swept
                 _lock(self._owner)
@@ -84,9 +91,12 @@ def sweep_unfinished(folder: Path) -> None:
 
 
 def _remove_abandoned(path: Path) -> None:
+    age = time.time() - path.stat().st_mtime
     if sys.platform == "win32":
-        if time.time() - path.stat().st_mtime > NEW_SECONDS:
+        if age > NEW_SECONDS:
             path.unlink()
+        return
+    if age < FOREIGN_SECONDS and not path.name.startswith(PREFIX + MACHINE):
         return
     with path.open("rb") as file:
         _lock(file)

@@ -17,7 +17,7 @@ import pytest
 
 import raytracer.files.unfinished as unfinished
 from raytracer.files.replacing import replace_file, write_bytes
-from raytracer.files.unfinished import NAME, NEW_SECONDS, PREFIX, NewFile, sweep_unfinished
+from raytracer.files.unfinished import FOREIGN_SECONDS, NAME, NEW_SECONDS, PREFIX, NewFile, sweep_unfinished
 from tests.folders import ROOT
 from tests.portable import kill
 
@@ -112,6 +112,26 @@ def test_where_files_have_no_locks_files_are_written_and_none_is_swept(
     write_bytes(tmp_path / "target.bin", b"whole")
     sweep_unfinished(tmp_path)
     assert list_names(tmp_path) == [left.name, "target.bin"]
+
+
+def test_what_another_machine_writes_stays_where_locks_are_known_to_their_own_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Machines that shared a folder removed each other's files while they were written."""
+    if sys.platform == "win32":
+        pytest.skip("Windows needs no locks")
+    monkeypatch.setattr(unfinished, "_lock", lambda file: None)  # one that always succeeds
+    with replace_file(tmp_path / "here.bin") as here:
+        monkeypatch.setattr(unfinished, "MACHINE", "beef")
+        write_bytes(tmp_path / "there.bin", b"there")
+        assert here.exists()
+        here.write_bytes(b"here")
+    left = tmp_path / f"{PREFIX}0123456789ab.bin"
+    left.touch()
+    past = time.time() - 2 * FOREIGN_SECONDS
+    os.utime(left, (past, past))
+    sweep_unfinished(tmp_path)  # that machine was killed long ago
+    assert list_names(tmp_path) == ["here.bin", "there.bin"]
 
 
 def make_busy(monkeypatch: pytest.MonkeyPatch, times: float) -> None:
