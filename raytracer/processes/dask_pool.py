@@ -12,13 +12,17 @@ from __future__ import annotations
 
 import pickle
 import threading
+import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from typing import Any
 
-from raytracer.processes.workers import JOBS_AHEAD, POLL_SECONDS, WorkerError
+from raytracer.processes.workers import JOBS_AHEAD, WorkerError
+
+# Seconds between two looks for a result.
+POLL_SECONDS = 0.005
 
 # What a thread of a cluster's process has loaded, and its name: one function, for there may be no room for two.
 _loaded = threading.local()
@@ -56,28 +60,27 @@ class DaskPool:
             for job in jobs:
                 pending.append(self._client.submit(call, self._name, self._content, job, pure=False))
                 if len(pending) > JOBS_AHEAD * len(self):
-                    if self._is_cancelled_before(pending[0], is_cancelled):
+                    if is_cancelled_before(pending[0], is_cancelled):
                         return
                     yield take_result(pending.popleft())
             while pending:
-                if self._is_cancelled_before(pending[0], is_cancelled):
+                if is_cancelled_before(pending[0], is_cancelled):
                     return
                 yield take_result(pending.popleft())
         finally:
             self._client.cancel(list(pending))
 
-    def _is_cancelled_before(self, future: Any, is_cancelled: Callable[[], bool]) -> bool:
-        """Wait until a result is there (False) or the user cancels (True)."""
-        from distributed import TimeoutError as DaskTimeoutError
-        from distributed import wait
 
-        while not is_cancelled():
-            try:
-                wait(future, timeout=POLL_SECONDS)
-            except DaskTimeoutError:
-                continue
+def is_cancelled_before(future: Any, is_cancelled: Callable[[], bool]) -> bool:
+    """Wait until a result, or what went wrong, is there (False) or the user cancels (True).
+
+    A future knows its own client; Dask's `wait` asks the default one, which may be another, or none.
+    """
+    while not is_cancelled():
+        if future.done():
             return False
-        return True
+        time.sleep(POLL_SECONDS)
+    return True
 
 
 def take_result(future: Any) -> Any:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 import pickle
 from collections.abc import Callable
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
@@ -31,16 +33,50 @@ class Client:
         self._before()
         return Future(pickle.dumps(function(*arguments)))
 
+    def cancel(self, futures: list[Future]) -> None:
+        pass
+
 
 class Future:
+    """A result that is there when it is asked for the third time."""
+
     def __init__(self, content: bytes) -> None:
-        self._content = content
+        self._content, self._looks = content, 0
+
+    def done(self) -> bool:
+        self._looks += 1
+        return self._looks > 2
 
     def result(self) -> Any:
         return pickle.loads(self._content)
 
     def release(self) -> None:
         pass
+
+
+def make_negation() -> Callable[[int], int]:
+    return operator.neg
+
+
+def test_results_are_waited_for_through_the_client_that_was_given() -> None:
+    """They were through the default one, of another cluster or none."""
+    pool = raytracer.DaskPool(Client())
+    pool.load(make_negation)
+    assert list(pool.run(range(9))) == [-number for number in range(9)]
+    assert list(pool.run(range(9), is_cancelled=lambda: True)) == []
+
+
+def test_a_scheduler_that_is_lost_is_told_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was no WorkerError: films kept nothing of what had been traced since they were written last."""
+
+    def lose(future: Future) -> Any:
+        raise CancelledError("the scheduler is lost")
+
+    monkeypatch.setattr(Future, "result", lose)
+    pool = raytracer.DaskPool(Client())
+    pool.load(make_negation)
+    with pytest.raises(raytracer.WorkerError, match="CancelledError: the scheduler is lost"):
+        list(pool.run(range(9)))
 
 
 def test_a_tile_comes_back_without_the_scene() -> None:

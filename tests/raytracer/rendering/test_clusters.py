@@ -9,6 +9,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,22 @@ def test_render_takes_the_workers_of_a_cluster(client: Any) -> None:
     for _ in range(2):  # what is loaded the second time takes the place of the first
         film = raytracer.render(make_lit_scene(), 40, 30, 3, workers=pool, block_size=300, **SETTINGS)
         assert same(film, expect())
+
+
+def test_a_client_that_is_not_the_default_will_do(client: Any) -> None:
+    """Results were waited for through the default client: of another cluster, or none."""
+    address = client.scheduler_info()["address"]
+    other = distributed.Client(address, set_as_default=False)
+    before = distributed.client._global_clients.copy()
+    distributed.client._global_clients.clear()
+    try:
+        with ThreadPoolExecutor(1) as thread:  # where the fixture's client is not the current one
+            settings = {"workers": raytracer.DaskPool(other), **SETTINGS}
+            film = thread.submit(raytracer.render, make_lit_scene(), 40, 30, 3, **settings).result()
+    finally:
+        distributed.client._global_clients.update(before)
+        other.close()
+    assert same(film, expect())
 
 
 def test_render_on_a_cluster_gives_the_same_film_from_a_file_and_from_a_scene(client: Any, tmp_path: Path) -> None:
