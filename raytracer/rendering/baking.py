@@ -12,6 +12,7 @@ Blender, intern/cycles/kernel/integrator/init_from_bake.h: folding, and how far 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,6 +30,8 @@ from raytracer.integrator.settings import Settings
 from raytracer.lecture import dot
 from raytracer.processes.dropping import is_dropped
 from raytracer.processes.pool import Pool
+from raytracer.processes.workers import Workers
+from raytracer.rendering.blocks import RAY, _never
 from raytracer.rendering.watched_caster import CancelledError, WatchedCaster
 from raytracer.sampling.dimensions import FILTER_DIMENSION, FILTER_PAIR
 from raytracer.sampling.sobol import SobolSamples, split_numbers
@@ -101,18 +104,22 @@ def bake(
     ----------
     settings : its passes, samples, seed, bounces and limits count
     eye : from where surfaces are seen; None: each along its own shading normal
+    workers : number of processes, or a Pool
     """
     check_programs(scene)
-    pool = workers if isinstance(workers, Pool) else None
     watch = is_cancelled or _never
     blocks = cut_into_blocks(len(points), settings.samples)
     sums: dict[str, Floats] = {}
-    for number, (start, values) in enumerate(_run(pool, (scene, caster, settings, points, eye), blocks, watch)):
-        for name, part in values.items():
-            whole = sums.setdefault(name, np.zeros((len(points), part.shape[1])))
-            whole[start : start + len(part)] += part
-        if on_progress:
-            on_progress((number + 1) / len(blocks))
+    with ExitStack() as stack:
+        pool = workers if isinstance(workers, Pool) else None
+        if isinstance(workers, int) and workers > 1:
+            pool = stack.enter_context(Workers(workers))
+        for number, (start, values) in enumerate(_run(pool, (scene, caster, settings, points, eye), blocks, watch)):
+            for name, part in values.items():
+                whole = sums.setdefault(name, np.zeros((len(points), part.shape[1])))
+                whole[start : start + len(part)] += part
+            if on_progress:
+                on_progress((number + 1) / len(blocks))
     if watch():
         return None
     return {name: values / settings.samples for name, values in sums.items()}
@@ -142,15 +149,13 @@ def cut_into_blocks(points: int, samples: int) -> list[Block]:
     ]
 
 
-def _never() -> bool:
-    return False
-
-
 def _run(
     pool: Pool | None, arguments: Any, blocks: Iterable[Block], is_cancelled: Callable[[], bool]
 ) -> Iterator[BlockValues]:
     """Yield what blocks see, in order, until it is cancelled."""
     if pool is not None:
+        _, caster, *_ = arguments
+        caster.closest_hit(*RAY)  # its tree is built here, and shared: each worker would build one of its own
         pool.load(PointTracer, *arguments, is_dropped)
         yield from pool.run(blocks, is_cancelled)
         return

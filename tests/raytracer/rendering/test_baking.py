@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import raytracer
+from raytracer.casting.caster import Caster
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import Workers
 from raytracer.rendering import baking
@@ -144,6 +146,18 @@ def test_workers_change_no_bit(monkeypatch):
     assert alone is not None
     assert shared is not None
     np.testing.assert_array_equal(alone["Combined"], shared["Combined"])
+
+
+@pytest.mark.parametrize("as_number", [True, False])
+def test_the_tree_is_built_before_workers_share_it(monkeypatch, as_number):
+    """Each built one of its own; and of a number of workers none was started."""
+    scene, told = make_scene(world=World([1, 1, 1])), []
+    cast, load = Caster.closest_hit, Workers.load
+    monkeypatch.setattr(Caster, "closest_hit", lambda *all, **named: told.append("cast") or cast(*all, **named))
+    monkeypatch.setattr(Workers, "load", lambda *all: told.append("load") or load(*all))
+    with contextlib.nullcontext(2) if as_number else Workers(2) as workers:
+        bake(scene, raytracer.build(scene), settle(1), make_points(PLACES), workers=workers)
+    assert told == ["cast", "load"]
 
 
 def test_cancelling_returns_nothing():
