@@ -64,6 +64,14 @@ def build_parser(program: str = PROGRAM, names: Sequence[str] = tuple(COMMANDS))
     return parser
 
 
+def add_file(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add the .blend, with its help, and whether its scripts run; see `open_blend`."""
+    parser.add_argument("file", metavar="FILE.blend", help=text)
+    parser.add_argument(
+        "--scripts", action="store_true", help="run the file's Python, such as drivers; default: as the preferences say"
+    )
+
+
 def join_frames(argv: Sequence[str]) -> list[str]:
     """Return arguments in which --frames and the frames are one: argparse takes -5--1 for an option."""
     joined: list[str] = []
@@ -139,8 +147,10 @@ def hide_python_output() -> Iterator[None]:
         yield
 
 
-def open_blend(path: str) -> Any:
+def open_blend(path: str, scripts: bool = False) -> Any:
     """Open a .blend with the render engine registered; return bpy.
+
+    scripts : True runs those of the file, else the preferences decide; a module of bpy has none that allow it
 
     Raises
     ------
@@ -158,11 +168,22 @@ def open_blend(path: str) -> Any:
             register()
         try:
             with hide_python_output():
+                allowed = {"use_scripts": True} if scripts else {}
                 # Not resolved: what lies beside a link to a file counts as beside the file, as for `blender -b`.
-                bpy.ops.wm.open_mainfile(filepath=str(file.absolute()), load_ui=False)
+                bpy.ops.wm.open_mainfile(filepath=str(file.absolute()), load_ui=False, **allowed)
         except RuntimeError as error:
             raise CommandError(f"{path}: {first_line(str(error))}") from None
     return bpy
+
+
+def list_blocked(bpy: Any) -> list[str]:
+    """Return a sentence for the first script of the open file that Blender did not run, if any."""
+    if not bpy.app.autoexec_fail:
+        return []
+    return [
+        f"scripts of the file are not run, and what they set shows otherwise: {bpy.app.autoexec_fail_message}; "
+        "--scripts allows them"
+    ]
 
 
 def remove_blender_files() -> None:

@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from .arguments import parse_positive, parse_share, parse_size
-from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
+from .command_line import (
+    CommandError,
+    add_file,
+    check_replaceable_picture,
+    first_line,
+    hide_python_output,
+    list_blocked,
+    open_blend,
+)
 from .render import finite, make_bar
 
 DEFAULT_SIZE = (192, 108)
@@ -39,7 +47,7 @@ meshes alone, as Blender's own rays do (no hair, point clouds, volumes or displa
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `compare`."""
     parser.epilog = EPILOG
-    parser.add_argument("file", metavar="FILE.blend", help="the scene")
+    add_file(parser, "the scene")
     parser.add_argument(
         "--with", dest="other", required=True, choices=tuple(DEFAULT_SAMPLES), help="what to compare to"
     )
@@ -79,13 +87,15 @@ def run(arguments: argparse.Namespace) -> None:
         check_picture(arguments)
     if arguments.to and arguments.other != "cycles":
         raise CommandError("--to: only a comparison with cycles takes samples")
-    bpy = open_blend(arguments.file)
+    bpy = open_blend(arguments.file, arguments.scripts)
     if arguments.other == "cycles":
         with show_renders(bpy, arguments.json) as on_look, hide_python_output():
             numbers = run_cycles(bpy, arguments, on_look)
     else:
         with hide_python_output():
             numbers = run_ray_cast(bpy, arguments)
+    for blocked in list_blocked(bpy):
+        print(f"warning: {blocked}", file=sys.stderr)
     if arguments.json:
         print(json.dumps(list_finite(numbers), allow_nan=False), flush=True)
     else:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from .. import interrupts
 from . import parts
-from .command_line import CommandError, check_replaceable_picture, open_blend
+from .command_line import CommandError, add_file, check_replaceable_picture, open_blend
 from .render import add_scene_arguments, apply_arguments, check_limits, check_view_layers
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `export`."""
-    parser.add_argument("file", metavar="FILE.blend", help="the scene")
+    add_file(parser, "the scene")
     parser.add_argument("-o", "--output", required=True, metavar="S.npz", help="the file to write")
     parser.add_argument("--frame", type=int, metavar="N", help="frame to export; default: the file's current one")
     add_scene_arguments(parser)
@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> None:
     if not parts.is_film(output):
         raise CommandError(f"{output}: expected a name that ends in .npz")
     check_replaceable_picture(output)
-    bpy = open_blend(arguments.file)
+    bpy = open_blend(arguments.file, arguments.scripts)
     from ..engine.orders import ExportScene, give
 
     scene = bpy.context.scene

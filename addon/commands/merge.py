@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .command_line import CommandError, check_replaceable_picture, open_blend
+from .command_line import CommandError, add_file, check_replaceable_picture, list_blocked, open_blend
 from .render import SUFFIXES, apply_arguments, check_limits, check_view_layers, render_frame
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `merge`."""
-    parser.add_argument("file", metavar="FILE.blend", help="the scene, for its view transform and compositing")
+    add_file(parser, "the scene, for its view transform and compositing")
     parser.add_argument("films", nargs="+", metavar="P.npz", help="the films of all tiles, or folders of them")
     parser.add_argument("-o", "--output", required=True, metavar="OUT.png|.exr", help="the picture to write")
     parser.set_defaults(size=None, samples=None, bounces=None, workers=None, precision=None, frame=None, frames=None)
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
         print(line, file=sys.stderr)
     several = len(film.names) > 1 and output.suffix.lower() == ".exr"
     arguments.passes = film.names if several else None
-    bpy = open_blend(arguments.file)
+    bpy = open_blend(arguments.file, arguments.scripts)
     from ..engine.orders import ShowFilm, give
 
     scene = bpy.context.scene
@@ -51,6 +51,8 @@ def run(arguments: argparse.Namespace) -> None:
     check_view_layers(scene)
     with give(ShowFilm(film)):
         render_frame(bpy, scene, output)
+    for blocked in list_blocked(bpy):
+        print(f"warning: {blocked}", file=sys.stderr)
     print(output, flush=True)
 
 

@@ -10,12 +10,13 @@ import contextlib
 import signal
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from .. import interrupts
 from .arguments import parse_period, parse_positive, parse_tile
-from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output
+from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, list_blocked
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -100,7 +101,7 @@ def keep_film(path: Path | None, arguments: argparse.Namespace) -> Iterator[None
 
 def render_film(bpy: Any, scene: Any, path: Path) -> Any:
     """Render the current frame into a film's file alone, as the order of the block says; return its Statistics."""
-    from ..engine.statistics import forget_all, last_render
+    from ..engine.statistics import forget_all
 
     forget_all()
     with interrupts.hold(), hide_python_output():
@@ -108,7 +109,15 @@ def render_film(bpy: Any, scene: Any, path: Path) -> Any:
             bpy.ops.render.render(write_still=False, scene=scene.name)
         except RuntimeError as error:
             raise CommandError(first_line(str(error))) from None
+    return read_statistics(bpy, scene, path)
+
+
+def read_statistics(bpy: Any, scene: Any, path: Path) -> Any:
+    """Return the Statistics of the render that has just ended, with a warning where scripts were not run."""
+    from ..engine.statistics import last_render
+    from ..extract.warnings import Warning
+
     taken = last_render(scene)
     if taken is None:
         raise CommandError(f"{path}: the scene's video sequencer made the picture, not the render engine")
-    return taken
+    return replace(taken, warnings=(*taken.warnings, *map(Warning, list_blocked(bpy))))

@@ -21,7 +21,7 @@ from typing import Any
 from .. import interrupts
 from . import parts
 from .arguments import parse_count, parse_frames, parse_names, parse_positive, parse_seconds, parse_share, parse_size
-from .command_line import CommandError, check_replaceable_picture, first_line, hide_python_output, open_blend
+from .command_line import CommandError, add_file, check_replaceable_picture, first_line, hide_python_output, open_blend
 
 SUFFIXES = (".png", ".exr")
 PRECISIONS = ("certified", "float64", "float32")
@@ -38,7 +38,7 @@ JSON_KEYS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `render`."""
-    parser.add_argument("file", metavar="FILE.blend", help="the scene")
+    add_file(parser, "the scene")
     parser.add_argument(
         *("-o", "--output"), required=True, metavar="OUT.png|.exr|.npz", help="the picture, or film, to write"
     )
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> None:
     parts.check_arguments(arguments)
     output = check_output(Path(arguments.output), arguments.passes)
     check_denoising(output, arguments)
-    bpy = open_blend(arguments.file)
+    bpy = open_blend(arguments.file, arguments.scripts)
     scene = bpy.context.scene
     check_limits(scene, arguments)
     apply_arguments(scene, arguments)
@@ -217,7 +217,7 @@ def render_frame(bpy: Any, scene: Any, path: Path) -> Any:
     from raytracer.files.replacing import replace_file
 
     from ..engine.output import measure_picture
-    from ..engine.statistics import forget_all, last_render
+    from ..engine.statistics import forget_all
     from ..versions import escape_path
 
     forget_all()
@@ -231,10 +231,7 @@ def render_frame(bpy: Any, scene: Any, path: Path) -> Any:
                 bpy.ops.render.render(write_still=True, scene=scene.name)
             except RuntimeError as error:
                 raise CommandError(first_line(str(error)).replace(str(picture), str(path))) from None
-        taken = last_render(scene)
-        if taken is None:
-            raise CommandError(f"{path}: the scene's video sequencer made the picture, not the render engine")
-    return taken
+        return parts.read_statistics(bpy, scene, path)
 
 
 @contextlib.contextmanager

@@ -213,3 +213,22 @@ def test_frames_below_zero_are_no_option() -> None:
 )
 def test_frame_number_takes_the_place_of_the_last_hashes(name: str, frame: int, expected: str) -> None:
     assert number_path(Path(name), frame).name == expected
+
+
+def test_scripts_of_a_file_run_where_they_are_allowed_and_are_named_where_not(tmp_path: Path) -> None:
+    """Drivers that Blender does not run count as 0: the plane stood elsewhere, without a word."""
+    path, out = save_plane(tmp_path / "driven.blend"), tmp_path / "a.exr"
+    driver = bpy.data.objects["Plane"].driver_add("location", 0).driver
+    driver.type, driver.expression = "SCRIPTED", "float(str(1000))"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
+    options = ("-o", out, "--size", "8x8", "--samples", 1, "--workers", 1)
+    done = run_command("render", path, *options, "--json")
+    (warning,) = json.loads(done.stdout)["warnings"]
+    assert "scripts of the file are not run" in warning
+    assert "float(str(1000))" in warning
+    assert read_image(out)[4, 4, 0] > 0.0
+    done = run_command("render", path, *options, "--scripts")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert read_image(out)[4, 4, 0] == 0.0
+    done = run_command("compare", path, "--with", "ray_cast", "--size", "4x4", "--samples", 1)
+    assert done.stderr == f"warning: {warning}\n"
