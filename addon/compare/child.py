@@ -25,7 +25,7 @@ def main(path: str) -> int:
     # Python looks for modules beside a script first, where `cycles` would stand before the package of Blender's engine.
     sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != Path(__file__).resolve().parent]
     try:
-        import bpy  # noqa: F401  (before the paths: those of the bpy module hold a package of that name for itself)
+        import bpy  # (before the paths: those of the bpy module hold a package of that name for itself)
 
         sys.path.insert(0, job["root"])
         sys.path += [entry for entry in job["paths"] if entry not in sys.path]
@@ -33,8 +33,9 @@ def main(path: str) -> int:
         outcome = run(job, folder)
         import numpy as np
 
+        blocked = bpy.app.autoexec_fail_message if bpy.app.autoexec_fail else ""
         np.save(folder / "heat.npy", outcome.heat)
-        (folder / "outcome.json").write_text(json.dumps(outcome.as_plain()), encoding="utf-8")
+        (folder / "outcome.json").write_text(json.dumps({**outcome.as_plain(), "blocked": blocked}), encoding="utf-8")
     except Exception as error:
         traceback.print_exc()
         (folder / "error.txt").write_text(str(error) or type(error).__name__, encoding="utf-8")
@@ -48,7 +49,7 @@ def run(job: dict[str, Any], folder: Path) -> Any:
 
     package = import_module(job["package"])
     package.register()
-    bpy.ops.wm.open_mainfile(filepath=job["blend"], load_ui=False)
+    bpy.ops.wm.open_mainfile(filepath=job["blend"], load_ui=False, use_scripts=job["scripts"])
     scene = bpy.data.scenes[job["scene"]]
     view_layer = scene.view_layers[job["view_layer"]]
     frame, subframe = job["frame"]

@@ -34,6 +34,7 @@ class Job:
     width, height : pixels of both pictures, or rays of the camera
     samples : per pixel, or rays of each other family
     frame : a whole number, and what is behind its point
+    scripts : whether those of the file run, as its drivers
     package, root : this add-on's name, and the folder that it is in; paths : where its modules come from
     """
 
@@ -46,6 +47,7 @@ class Job:
     frame: tuple[int, float]
     folder: str
     blend: str
+    scripts: bool
     package: str
     root: str
     paths: tuple[str, ...]
@@ -61,13 +63,17 @@ class Running:
     """
 
     _progress = 0.0
+    blocked = ""  # a script that did not run in the process, though it may have run here; known with the outcome
 
     def __init__(self, scene: Any, view_layer: Any, kind: str, size: tuple[int, int], samples: int) -> None:
-        self._files = OwnedFolder(FOLDER_PREFIX)
         try:
-            self._begin(scene, view_layer, kind, size, samples)
+            self._files = OwnedFolder(FOLDER_PREFIX)
+            try:
+                self._begin(scene, view_layer, kind, size, samples)
+            except BaseException:
+                self._files.close()
+                raise
         except (RuntimeError, OSError) as error:  # no room for the file, say; Blender's operators raise the first
-            self._files.close()
             raise ComparisonError(" ".join(str(error).removeprefix("Error: ").split())) from error
 
     def _begin(self, scene: Any, view_layer: Any, kind: str, size: tuple[int, int], samples: int) -> None:
@@ -83,6 +89,7 @@ class Running:
             frame=(scene.frame_current, scene.frame_subframe),
             folder=str(self.folder),
             blend=str(self.folder / "scene.blend"),
+            scripts=runs_scripts(),
             package=package.name,
             root=str(package.parent),
             paths=tuple(path for path in sys.path if path and isinstance(path, str)),
@@ -122,14 +129,17 @@ class Running:
         ComparisonError
             If it failed, with the reason.
         """
-        if self._process.returncode == 0:
-            plain = json.loads((self.folder / "outcome.json").read_text(encoding="utf-8"))
-            worst = [Worst(**entry) for entry in plain["worst"]]
-            return Outcome(plain["kind"], plain["numbers"], np.load(self.folder / "heat.npy"), worst)
-        reason = self.folder / "error.txt"
-        if reason.exists():
-            raise ComparisonError(" ".join(reason.read_text(encoding="utf-8").split()))
-        raise ComparisonError(f"Blender ended with code {self._process.returncode}: {self._read_log_end()}")
+        try:
+            if self._process.returncode == 0:
+                plain = json.loads((self.folder / "outcome.json").read_text(encoding="utf-8"))
+                self.blocked = "" if bpy.app.autoexec_fail else plain["blocked"]
+                worst = [Worst(**entry) for entry in plain["worst"]]
+                return Outcome(plain["kind"], plain["numbers"], np.load(self.folder / "heat.npy"), worst)
+            told = self.folder / "error.txt"
+            reason = " ".join(told.read_text(encoding="utf-8").split()) if told.exists() else ""
+        except (OSError, ValueError, EOFError) as error:  # a disk that was full, or somebody tidied up
+            raise ComparisonError(f"the outcome cannot be read: {error}") from error
+        raise ComparisonError(reason or f"Blender ended with code {self._process.returncode}: {self._read_log_end()}")
 
     def _read_log_end(self) -> str:
         lines = (self.folder / "log.txt").read_text(encoding="utf-8", errors="replace").split("\n")
@@ -143,6 +153,14 @@ class Running:
         assert self._process.stdin is not None
         self._process.stdin.close()
         self._files.close()
+
+
+def runs_scripts() -> bool:
+    """Return whether scripts of the open file run here: the copy in another process shall stand as it stands here.
+
+    Blender does not say whether it was told to run those of this file; the preferences have to allow it.
+    """
+    return bpy.context.preferences.filepaths.use_scripts_auto_execute and not bpy.app.autoexec_fail
 
 
 def remove_abandoned() -> None:

@@ -114,14 +114,18 @@ class _Compare:
         raise NotImplementedError
 
     def _finish(self, context: Any) -> set[str]:
-        assert _running is not None
+        running = _running
+        assert running is not None
         try:
-            outcome = _running.read_outcome()
+            outcome = running.read_outcome()
         except ComparisonError as error:
             self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
             return {"CANCELLED"}
         finally:
             stop()
+        if running.blocked:
+            reason = f"Compared without scripts of the file, which the preferences do not allow: {running.blocked}"
+            self.report({"WARNING"}, reason)  # type: ignore[attr-defined]
         open_image(context.window, session.keep(outcome))
         return {"FINISHED"}
 
