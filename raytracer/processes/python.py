@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -18,14 +19,28 @@ ONE_THREAD = dict.fromkeys(
 
 
 def make_python_command(code: str) -> list[str]:
-    """Return the command that runs `code` in a fresh Python; -P: no file in the working directory stands in for a
-    module."""
-    return [sys.executable, "-P", "-c", code]
+    """Return the command that runs `code` in a fresh Python, which finds the same modules; -P: no file in the working
+    directory stands in for one.
+
+    The paths go with the code: PYTHONPATH has no way to name a folder with its separator.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no Python that could be started, as in a Blender that finds none.
+    """
+    if not sys.executable:
+        raise FileNotFoundError(errno.ENOENT, "no Python program was found beside this one")
+    return [sys.executable, "-P", "-c", f"import sys; sys.path[:0] = {_list_import_paths()!r}; {code}"]
 
 
 def make_python_environment() -> dict[str, str]:
-    """Return the environment of a fresh Python that finds the same modules and computes in one thread."""
-    return os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(_list_import_paths())}
+    """Return the environment of a fresh Python that computes in one thread; what this Python ignores, as Blender's does
+    PYTHONHOME, it shall not heed either."""
+    heeded = os.environ.items()
+    if sys.flags.ignore_environment:
+        heeded = [(name, value) for name, value in heeded if not name.startswith("PYTHON")]
+    return dict(heeded) | ONE_THREAD
 
 
 def _list_import_paths() -> list[str]:

@@ -1,6 +1,7 @@
 """Worker processes: order, sharing, errors, and that nothing is left behind."""
 
 import errno
+import importlib
 import itertools
 import os
 import signal
@@ -287,6 +288,33 @@ def test_workers_start_whatever_a_script_put_among_the_import_paths(functions, m
     with Workers(1) as workers:
         workers.load(functions.Scale, np.arange(5))
         assert list(workers.run([3])) == [3]
+
+
+def test_workers_ignore_what_their_parent_ignores_as_blender_does(tmp_path):
+    """What a pipeline sets for another Python, and Blender does not heed, reached them."""
+    code = "from raytracer.processes.workers import Workers; workers = Workers(1); workers.load(dict); workers.close()"
+    command = [sys.executable, "-E", "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r}); {code}"]
+    environment = os.environ | {"PYTHONHOME": str(tmp_path), "PYTHONPROFILEIMPORTTIME": "1"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_folder_with_the_separator_of_paths_in_its_name_holds_modules(functions, tmp_path, monkeypatch):
+    """Its two halves were looked into, and workers that needed it ended."""
+    folder = tmp_path / f"a{os.pathsep}b"
+    folder.mkdir()
+    (folder / "separated.py").write_text("def make():\n    return abs\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(str(folder))
+    with Workers(1) as workers:
+        workers.load(importlib.import_module("separated").make)
+        assert list(workers.run([-3])) == [3]
+
+
+def test_a_blender_that_knows_no_python_program_has_no_workers_in_words(monkeypatch):
+    """It was a TypeError of Popen's."""
+    monkeypatch.setattr(sys, "executable", None)
+    with pytest.raises(WorkerError, match=r"^a worker process cannot be started: no Python program was found"):
+        Workers(1)
 
 
 def test_nothing_is_written_to_the_temporary_folder(functions, tmp_path, monkeypatch):
