@@ -37,10 +37,10 @@ def make_python_command(code: str) -> list[str]:
 def make_python_environment() -> dict[str, str]:
     """Return the environment of a fresh Python that computes in one thread; what this Python ignores, as Blender's does
     PYTHONHOME, it shall not heed either."""
-    heeded = os.environ.items()
+    heeded = dict(os.environ)
     if sys.flags.ignore_environment:
-        heeded = [(name, value) for name, value in heeded if not name.startswith("PYTHON")]
-    return dict(heeded) | ONE_THREAD
+        heeded = {name: value for name, value in heeded.items() if not name.startswith("PYTHON")}
+    return heeded | ONE_THREAD
 
 
 def _list_import_paths() -> list[str]:

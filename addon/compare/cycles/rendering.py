@@ -22,7 +22,7 @@ from raytracer.processes.folders import OwnedFolder
 from ... import interrupts
 from ...passes import MATTE_OPTIONS, enable_passes, find_pass, is_on, list_options, switch
 from ...properties import BOUNCE_LIMITS, ENGINE, TAMING
-from ...versions import blender_pass_name, read_image_format, set_image_format
+from ...versions import blender_pass_name, escape_path, read_image_format, set_image_format
 from .exr import read_exr
 
 CYCLES = "CYCLES"
@@ -136,7 +136,7 @@ def exr_output(scene: Any, path: Path) -> Iterator[None]:
     try:
         set_image_format(image, "OPEN_EXR_MULTILAYER")
         image.color_mode, image.color_depth, image.exr_codec = "RGBA", "32", "NONE"
-        with changed(scene.render, filepath=str(path), use_file_extension=False):
+        with changed(scene.render, filepath=escape_path(str(path)), use_file_extension=False):
             yield
     finally:
         for name, value in before.items():

@@ -18,6 +18,7 @@ import pytest
 
 import addon
 from addon.compare import results
+from addon.compare.cycles.rendering import exr_output
 from addon.compare.ray_cast import verdict
 from addon.compare.ray_cast.rays import Aimed
 from addon.compare.window import color_bar, describe, heat_map, job, operators, session
@@ -364,3 +365,11 @@ def test_a_comparison_without_a_temporary_folder_says_why(stage: Any, monkeypatc
     with pytest.raises(RuntimeError, match=r"^Error: .*No space left on device"):
         bpy.ops.raytracer.compare_ray_cast(width=16, rays=1)
     assert operators._running is None
+
+
+def test_a_temporary_folder_with_braces_in_its_name_holds_the_pictures(stage: Any, tmp_path: Path) -> None:
+    """They are templates to Blender 5, which wrote elsewhere, or nothing."""
+    path = tmp_path / "{a}.exr"
+    with exr_output(stage, path):
+        bpy.ops.render.render(write_still=True, scene=stage.name)
+    assert path.is_file()
