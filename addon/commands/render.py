@@ -169,6 +169,7 @@ def apply_arguments(scene: Any, arguments: argparse.Namespace) -> None:
         ("workers", arguments.workers),
         ("use_denoising", getattr(arguments, "denoise", None) or None),
         ("precision", arguments.precision and arguments.precision.upper()),
+        ("use_checkpoints", False),  # a switch of the window: --part says here what is kept
     ):
         if value is not None:
             setattr(settings, name, value)

@@ -215,6 +215,16 @@ def test_frame_number_takes_the_place_of_the_last_hashes(name: str, frame: int, 
     assert number_path(Path(name), frame).name == expected
 
 
+def test_checkpoints_of_the_window_are_left_alone(registered_addon: None, tmp_path: Path) -> None:
+    """A file that asks for them, in a folder that takes none, could not be rendered."""
+    path = save_plane(tmp_path / "kept.blend")
+    settings = bpy.context.scene.reference_raytracer
+    settings.use_checkpoints, settings.checkpoint_folder = True, "//kept.blend/"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
+    done = run_command("render", path, "-o", tmp_path / "a.png", "--size", "8x8", "--samples", 1)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_scripts_of_a_file_run_where_they_are_allowed_and_are_named_where_not(tmp_path: Path) -> None:
     """Drivers that Blender does not run count as 0: the plane stood elsewhere, without a word."""
     path, out = save_plane(tmp_path / "driven.blend"), tmp_path / "a.exr"
