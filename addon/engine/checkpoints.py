@@ -7,6 +7,8 @@ The file is that of a frame and view layer. It goes when the frame is complete: 
 from __future__ import annotations
 
 import hashlib
+import os
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,8 @@ from .stereo import list_views
 SUFFIX = ".checkpoint.npz"
 # Letters that tell view layers and scenes of a file apart: their names may be too long for a file's, or have others.
 LETTERS = 8
+# Bytes that a file's name has of the .blend's: there is room for 255 in all.
+LONGEST_STEM = 160
 
 
 class _Session:
@@ -32,12 +36,24 @@ class _Session:
 
 def find_path(scene: Any, view_layer: str, view: str = "") -> Path:
     """Return the file of a view layer, or one of its stereo views, of the current frame: in the folder that the scene
-    names, or a temporary one where that is beside a .blend that has never been saved."""
+    names, or a temporary one where that is beside a .blend that has never been saved.
+
+    Its name tells files apart that share a folder: those of other .blends with the same name, and of other users.
+    """
     folder, blend = scene.reference_raytracer.checkpoint_folder or "//", bpy.data.filepath
+    is_beside = bool(folder.startswith("//") and blend)
     parent = Path(tempfile.gettempdir() if folder.startswith("//") and not blend else bpy.path.abspath(folder))
-    name = "\0".join(filter(None, (scene.name, view_layer, view)))
+    stem = Path(blend).stem or "untitled"
+    short = stem.encode()[:LONGEST_STEM].decode(errors="ignore")
+    owner = (stem if short != stem else "") if is_beside else blend or f"user {find_user()}"
+    name = "\0".join((scene.name, view_layer, view, owner)).rstrip("\0")
     names = hashlib.sha256(name.encode()).hexdigest()[:LETTERS]
-    return parent / f"{Path(blend).stem or 'untitled'}_{scene.frame_current:04}_{names}{SUFFIX}"
+    return parent / f"{short}_{scene.frame_current:04}_{names}{SUFFIX}"
+
+
+def find_user() -> int:
+    """Return the number of the user, or 0 on Windows, where each has a temporary folder."""
+    return os.getuid() if sys.platform != "win32" else 0
 
 
 def list_files(scene: Any) -> list[Path]:

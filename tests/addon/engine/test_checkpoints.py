@@ -212,6 +212,47 @@ def test_a_scene_that_was_never_saved_keeps_its_file_in_the_temporary_folder(
     assert checkpoints.find_path(stage, "ViewLayer").name.startswith("untitled_0012_")
 
 
+@pytest.fixture
+def use_name(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Return a function that has the open file another name."""
+
+    def set_name(filepath: str) -> None:
+        data = SimpleNamespace(filepath=filepath)
+        monkeypatch.setattr(checkpoints, "bpy", SimpleNamespace(data=data, path=bpy.path))
+
+    return set_name
+
+
+def test_files_of_one_name_in_one_folder_have_their_own(
+    stage: Any, use_name: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two shots, or of two users of a temporary folder: the second's render removed the first's hours."""
+    paths = []
+    for name in ("/shots/010/scene.blend", "/shots/020/scene.blend", ""):
+        use_name(name)
+        paths += [checkpoints.find_path(stage, "ViewLayer"), checkpoints.find_path(stage, "ViewLayer", "left")]
+    stage.reference_raytracer.checkpoint_folder = "//"
+    for user in (1, 2):
+        monkeypatch.setattr(checkpoints, "find_user", lambda user=user: user)
+        paths.append(checkpoints.find_path(stage, "ViewLayer"))
+    assert len(set(paths)) == len(paths)
+    assert len({path.parent for path in paths[:6]}) == 1
+
+
+def test_a_long_name_has_room_for_the_rest_and_differs_by_its_end(stage: Any, use_name: Any, tmp_path: Path) -> None:
+    """A name of 80 Japanese letters was too long a file name with what tells it apart."""
+    stage.frame_set(123456)
+    names = ["\u5f71" * 78 + ending for ending in ("a", "b")]
+    paths = []
+    for folder in ("//", str(tmp_path)):
+        stage.reference_raytracer.checkpoint_folder = folder
+        for name in names:
+            use_name(f"/shots/{name}.blend")
+            paths.append(checkpoints.find_path(stage, "ViewLayer").name)
+    assert len(set(paths)) == 4
+    assert max(len(path.encode()) for path in paths) <= 255
+
+
 RENDER = """
 import sys, bpy, addon
 addon.register()
