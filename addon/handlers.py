@@ -12,7 +12,8 @@ import bpy
 
 HANDLERS = bpy.app.handlers
 # A render that is complete or was stopped, or another file: what is kept for a render ends with these.
-RENDER_ENDS = (HANDLERS.render_complete, HANDLERS.render_cancel, HANDLERS.load_pre)
+RENDER_STOPS = (HANDLERS.render_cancel, HANDLERS.load_pre)
+RENDER_ENDS = (HANDLERS.render_complete, *RENDER_STOPS)
 
 
 def join(function: Callable[..., Any], *lists: Any) -> None:

@@ -32,6 +32,7 @@ LONGEST_STEM = 160
 
 class _Session:
     is_resuming = False
+    spent: tuple[Path, ...] = ()  # files of a frame that is traced, and not yet with Blender
 
 
 def find_path(scene: Any, view_layer: str, view: str = "") -> Path:
@@ -93,13 +94,21 @@ def make_order(engine: Any, scene: Any, view_layer: str, view: str = "") -> Keep
     return KeepFilm(path, every=every, on_fault=warn, must_write=False)
 
 
-def remove_files(engine: Any, scene: Any) -> None:
+def spend_files(scene: Any) -> None:
+    """Let the files of a frame that is traced go once it is complete: Blender still denoises, composites and writes the
+    picture, and a crash leaves them."""
+    _Session.spent = tuple(list_files(scene))
+
+
+@persistent
+def remove_spent(*_: Any) -> None:
     """Remove the files of a frame that is complete; the picture is worth more than one that stays, with a warning."""
-    for path in list_files(scene):
+    for path in _Session.spent:
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
-            engine.report({"WARNING"}, f"Checkpoint not removed: {path}: {error.strerror}")
+            print(f"Warning: Checkpoint not removed: {path}: {error.strerror}", flush=True)
+    forget()
 
 
 def resume() -> None:
@@ -109,16 +118,18 @@ def resume() -> None:
 
 @persistent
 def forget(*_: Any) -> None:
-    """Let renders begin anew."""
-    _Session.is_resuming = False
+    """Let renders begin anew, and the files stay that are there."""
+    _Session.is_resuming, _Session.spent = False, ()
 
 
 def register() -> None:
     """Watch for the ends of renders."""
-    handlers.join(forget, *handlers.RENDER_ENDS)
+    handlers.join(remove_spent, handlers.HANDLERS.render_complete)
+    handlers.join(forget, *handlers.RENDER_STOPS)
 
 
 def unregister() -> None:
     """Watch no more."""
     forget()
-    handlers.leave(forget, *handlers.RENDER_ENDS)
+    handlers.leave(remove_spent, handlers.HANDLERS.render_complete)
+    handlers.leave(forget, *handlers.RENDER_STOPS)

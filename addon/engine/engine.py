@@ -139,6 +139,8 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
 
     def _fail(self, reason: str) -> None:
         self.failed = True
+        if not self.is_preview:
+            checkpoints.forget()
         self.report({"ERROR"}, f"{self.bl_label}: {' '.join(reason.split())}")
 
 
@@ -253,7 +255,7 @@ def make_checked_film(
     if depsgraph.scene.render.use_single_layer:
         total = len(views)
     if not film.cancelled and done >= total:
-        checkpoints.remove_files(engine, depsgraph.scene)
+        checkpoints.spend_files(depsgraph.scene)
     return film
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from addon.engine import checkpoints, engine
+from addon.engine.output import RenderOutput
 from addon.engine.statistics import last_render
 from addon.panels.resume import RAYTRACER_OT_resume_render
 from raytracer.film.film_file import load_film
@@ -210,6 +211,32 @@ def test_a_scene_that_was_never_saved_keeps_its_file_in_the_temporary_folder(
     assert path.name.startswith("untitled_0001_")
     stage.frame_set(12)
     assert checkpoints.find_path(stage, "ViewLayer").name.startswith("untitled_0012_")
+
+
+def test_a_traced_picture_that_does_not_reach_blender_can_be_resumed(
+    stage: Any, stop: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file went as the last sample was traced, before the picture was anywhere."""
+    stop()
+
+    def fail(*arguments: object, **keywords: object) -> None:
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RenderOutput, "write_film", fail)
+        with pytest.raises(RuntimeError, match="not enough memory"):
+            bpy.ops.render.render()
+    (path,) = checkpoints.list_files(stage)
+    assert load_film(path).samples == SAMPLES
+    seen: list[bool] = []
+    post = bpy.app.handlers.render_post
+    post.append(lambda *_: seen.append(path.exists()))
+    try:
+        resume(stage, tmp_path / "resumed.exr")
+    finally:
+        post.pop()
+    assert seen == [True]  # Blender has composited, and is about to write
+    assert not path.exists()
 
 
 @pytest.fixture
