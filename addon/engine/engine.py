@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
@@ -31,15 +31,13 @@ from . import animation, checkpoints, orders, statistics, worker_pool
 from .animation import Frames
 from .baking import bake_object
 from .finishing import finish_picture, is_finished_later
-from .first_look import show_first_look
 from .light_groups import give_groups
 from .mattes import describe_mattes, give_identities, name_things
 from .output import Border, RenderOutput, read_border
 from .progress import Progress
 from .stereo import count_pictures, find_unsupported, find_view, list_views, look_from_view
+from .tracing import trace
 
-# Light paths per pixel of Blender's previews of materials, worlds and lights.
-PREVIEW_SAMPLES = 8
 OF_FIRST_SURFACE = {"Depth", "Position", "Normal", "UV", "Object Index", "Material Index", "Vector"}
 
 
@@ -112,8 +110,7 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
         except SceneError as error:
             self._fail(str(error))
         except WorkerError as error:
-            print_traceback(error)
-            self._fail(str(error))
+            self.fail(error)
         except Exception as error:
             print_traceback(error)
             self._fail(f"internal error, {type(error).__name__}: {error}")
@@ -136,6 +133,11 @@ class ReferenceRaytracerEngine(bpy.types.RenderEngine):
         viewport = object.__getattribute__(self, "viewport")
         if viewport is not None:
             viewport.close()
+
+    def fail(self, error: WorkerError) -> None:
+        """Tell that processes were lost, once for the frame, whose picture may go on to Blender all the same."""
+        print_traceback(error)
+        self._fail(str(error))
 
     def _fail(self, reason: str) -> None:
         self.failed = True
@@ -256,50 +258,6 @@ def make_checked_film(
         total = len(views)
     if not film.cancelled and done >= total:
         checkpoints.spend_files(depsgraph.scene)
-    return film
-
-
-def trace(
-    engine: Any,
-    scene: raytracer.Scene,
-    depsgraph: Any,
-    border: Border,
-    progress: Progress,
-    kept: Frames | None,
-    render: Callable[..., raytracer.Film],
-) -> raytracer.Film:
-    """Return the film of one view layer, which `render` makes as `raytracer.render` does."""
-    frame = engine.resolution_x, engine.resolution_y
-    settings = settings_keywords(depsgraph.scene_eval)
-    if engine.is_preview:
-        # To start workers would take longer.
-        settings |= {"samples": PREVIEW_SAMPLES, "workers": 1, "error": None, "seconds": None}
-    progress.show_stage("Building")
-    started = time.perf_counter()
-    precision = settings["precision"]
-    caster = kept.build(scene, precision) if kept else raytracer.build(scene, precision)
-    build_seconds = time.perf_counter() - started
-    if progress.is_watched:
-        progress.show_stage("First look")
-        show_first_look(progress.output, scene, caster, frame, border, settings, engine.test_break)
-    paths = border.width * border.height * settings["samples"]
-    with worker_pool.lend(settings.pop("workers"), paths, progress.show_stage) as workers:
-        film = render(
-            scene,
-            *frame,
-            caster=caster,
-            passes=enabled_passes(depsgraph.view_layer_eval),
-            border=border,
-            workers=workers,
-            on_sweep=progress.show_pass,
-            on_progress=progress.show_share,
-            on_stage=progress.show_stage,
-            is_cancelled=engine.test_break,
-            **settings,
-        )
-        if film.ended_by == "samples":
-            worker_pool.unload(workers)
-    film.statistics.build_seconds = build_seconds
     return film
 
 

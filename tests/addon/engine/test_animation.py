@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from addon.compare.cycles.exr import read_exr
-from addon.engine import animation, engine
+from addon.engine import animation, engine, tracing
 from addon.engine.statistics import last_render
 from addon.extract import mesh_table
 from addon.versions import set_image_format
@@ -152,7 +152,7 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
     stage.collection.objects.link(smoke)
     engine.statistics.forget_all()
     engine.render_view_layer(preview, bpy.context.evaluated_depsgraph_get())
-    assert (asked["samples"], asked["workers"]) == (engine.PREVIEW_SAMPLES, 1)
+    assert (asked["samples"], asked["workers"]) == (tracing.PREVIEW_SAMPLES, 1)
     assert reports == []
     assert last_render(stage) is None
     assert engine.ReferenceRaytracerEngine.bl_use_preview

@@ -15,8 +15,9 @@ import pytest
 
 import addon
 from addon.engine import engine, worker_pool
+from addon.engine.statistics import last_render
 from raytracer.processes.workers import WorkerError, Workers
-from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage, render_pass
+from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage, read_image, render_pass
 from tests.folders import ROOT
 from tests.portable import is_running, kill
 
@@ -145,6 +146,31 @@ def test_processes_lost_after_the_last_sample_cost_no_picture(
         np.testing.assert_array_equal(render_pass(stage, tmp_path / "again.exr"), picture)
     assert not find_processes()
     np.testing.assert_array_equal(render_pass(stage, tmp_path / "anew.exr"), picture)
+
+
+def test_processes_that_are_lost_for_good_leave_what_is_traced(
+    stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They took the picture with them, and all of its samples."""
+    run = Workers.run
+
+    def lose(workers: Workers, jobs: Any, *arguments: Any) -> Iterator[Any]:
+        for number, result in enumerate(run(workers, jobs, *arguments)):
+            if number == 1:
+                raise WorkerError("a worker process ended unexpectedly (exit code -9)")
+            yield result
+
+    monkeypatch.setattr(Workers, "run", lose)
+    stage.render.filepath = str(tmp_path / "lost.png")
+    with pytest.raises(RuntimeError, match="a worker process ended unexpectedly"):
+        bpy.ops.render.render(write_still=True)
+    assert not find_processes()
+    taken = last_render(stage)
+    assert taken is not None
+    assert taken.cancelled
+    assert 0 < taken.samples < stage.reference_raytracer.samples
+    bpy.data.images["Render Result"].save_render(str(tmp_path / "seen.png"))
+    assert read_image(tmp_path / "seen.png")[HEIGHT // 2, WIDTH // 2, 0] > 0.1
 
 
 def test_a_render_beside_another_one_has_processes_of_its_own() -> None:
