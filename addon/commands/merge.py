@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from .. import interrupts
 from .command_line import CommandError, add_file, check_replaceable_picture, list_blocked, open_blend
 from .render import SUFFIXES, apply_arguments, check_limits, check_view_layers, render_frame
 
@@ -16,7 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_file(parser, "the scene, for its view transform and compositing")
     parser.add_argument("films", nargs="+", metavar="P.npz", help="the films of all tiles, or folders of them")
     parser.add_argument("-o", "--output", required=True, metavar="OUT.png|.exr", help="the picture to write")
-    parser.set_defaults(size=None, samples=None, bounces=None, workers=None, precision=None, frame=None, frames=None)
+    parser.add_argument("--frame", type=int, metavar="N", help="frame of the films; default: the file's current one")
+    parser.set_defaults(size=None, samples=None, bounces=None, workers=None, precision=None, frames=None)
     parser.set_defaults(error=None, min_samples=None, seconds=None, adaptive=False)
 
 
@@ -47,6 +49,9 @@ def run(arguments: argparse.Namespace) -> None:
     scene = bpy.context.scene
     check_limits(scene, arguments)
     apply_arguments(scene, arguments)
+    if arguments.frame is not None:
+        with interrupts.hold():
+            scene.frame_set(arguments.frame)
     fit_scene(scene, film)
     check_view_layers(scene)
     with give(ShowFilm(film)):

@@ -68,7 +68,7 @@ function addTiles(job, settings) {
         tasks.push(task);
     }
     const merge = makeTask("merge", "blender", settings, [
-        "addon", "merge", settings.blendfile, ...films, "-o", picture,
+        "addon", "merge", settings.blendfile, ...films, "-o", picture, "--frame", frame,
     ]);
     for (const task of tasks) {
         merge.addDependency(task);

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import bpy
 import numpy as np
 import pytest
 
@@ -22,7 +23,7 @@ from addon.commands.parts import check_arguments, is_finished, keep_film
 from addon.engine.orders import KeepFilm, find_order
 from raytracer.film.film import Film
 from tests.addon.commands.test_command_line import run_command
-from tests.addon.engine.engine_fixtures import read_image
+from tests.addon.engine.engine_fixtures import read_image, save_plane
 from tests.folders import ROOT
 
 pytestmark = pytest.mark.blender
@@ -61,6 +62,22 @@ def test_tiles_that_are_merged_are_the_picture_as_exr_and_png(folder: Path) -> N
     assert (done.returncode, done.stdout) == (1, "")
     assert "a part is missing" in done.stderr
     assert not (folder / "no.png").exists()
+
+
+def test_films_of_a_frame_are_merged_with_its_view_settings(registered_addon: None, tmp_path: Path) -> None:
+    """They were those of the frame that the file was saved at."""
+    blend, film = save_plane(tmp_path / "bright.blend"), tmp_path / "film.npz"
+    settings = bpy.context.scene.view_settings
+    for frame, exposure in ((-4, -3.0), (1, 0.0)):
+        settings.exposure = exposure
+        settings.keyframe_insert("exposure", frame=frame)
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), check_existing=False)
+    options = ("--size", "8x8", "--samples", 1, "--workers", 1, "--frame", "-4")
+    run("render", blend, "-o", tmp_path / "whole.png", *options, "--part", film)
+    run("merge", blend, film, "-o", tmp_path / "merged.png", "--frame", "-4")
+    np.testing.assert_array_equal(read_image(tmp_path / "merged.png"), read_image(tmp_path / "whole.png"))
+    run("merge", blend, film, "-o", tmp_path / "other.png")
+    assert read_image(tmp_path / "other.png")[4, 4, 0] > read_image(tmp_path / "whole.png")[4, 4, 0] + 0.1
 
 
 def test_a_film_goes_on_and_the_picture_beside_it_is_the_whole(folder: Path) -> None:

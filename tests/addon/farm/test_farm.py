@@ -131,7 +131,8 @@ def test_flamenco_renders_tiles_after_the_scene_is_written_and_merges_them_in_th
         *((f"tile-{number}", ["export"]) for number in (1, 2, 3)),
         ("merge", ["tile-1", "tile-2", "tile-3"]),
     ]
-    assert tasks[-1]["commands"][0]["parameters"]["args"][-1] == "/out/0007.png"
+    merge = tasks[-1]["commands"][0]["parameters"]["args"]
+    assert merge[-4:] == ["-o", "/out/0007.png", "--frame", "7"]
 
 
 @needs_node
@@ -139,7 +140,8 @@ def test_flamenco_renders_tiles_after_the_scene_is_written_and_merges_them_in_th
 def test_flamenco_numbers_the_picture_as_the_command_does(output: str) -> None:
     compiled = compile_job(frames="7", tiles=1, size="64x36", output=output, blendfile="/in/a.blend")
     folder, name = output[: len(output) - len(PureWindowsPath(output).name)], PureWindowsPath(output).name
-    picture = compiled["tasks"][-1]["commands"][0]["parameters"]["args"][-1]
+    merge = compiled["tasks"][-1]["commands"][0]["parameters"]["args"]
+    picture = merge[merge.index("-o") + 1]
     assert picture == folder + number_path(Path(name), 7).name
 
 
