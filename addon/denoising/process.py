@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from raytracer.processes.folders import OwnedFolder
 
-from ..own_blender.command import list_orders_command, start_blender
+from ..own_blender.command import describe, end, list_orders_command, start_blender, tell
 from ..versions import has_denoiser
 from .compositor import INPUTS
 
@@ -73,15 +73,13 @@ class Process:
         try:
             for name, pixels in pictures.items():
                 np.save(folder / f"{number}_{name}.npy", pixels)
-            assert self._process.stdin is not None
-            with suppress(BrokenPipeError):  # it ended: the answer says so
-                self._process.stdin.write(f"{number}\n".encode())
-                self._process.stdin.flush()
+            tell(self._process, str(number))
             self._await_answer(number, is_cancelled)
             return np.load(folder / f"{number}_Done.npy")
         finally:
             for path in folder.glob(f"{number}_*.npy"):
-                path.unlink()
+                with suppress(OSError):  # on Windows it may be read still; it goes with the folder
+                    path.unlink()
 
     def _listen(self) -> None:
         """Hand on what the process says; an empty line is its end."""
@@ -113,12 +111,8 @@ class Process:
 
     def close(self) -> None:
         """End it; may be called again."""
-        self._process.kill()
-        self._process.wait()
+        end(self._process)
         self._listener.join()
-        assert self._process.stdin is not None
-        with suppress(BrokenPipeError):
-            self._process.stdin.close()
         self._files.close()
 
 
@@ -157,7 +151,7 @@ def denoise(pixels: Pixels, guides: dict[str, Pixels], is_cancelled: Callable[[]
             color = _Session.process.denoise(pictures, is_cancelled)
         except OSError as error:  # no room for the picture among the temporary files, say
             _close()
-            raise DenoiseError(f"{error.filename}: {error.strerror}" if error.filename else str(error)) from error
+            raise DenoiseError(describe(error)) from error
         except BaseException:
             _close()  # nobody knows what it is at
             raise

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,3 +35,25 @@ def start_blender(command: Sequence[str], folder: Path, **options: Any) -> subpr
     """Start a Blender whose own temporary files lie in `folder`: it is ended by force, and leaves them to who removes
     that; `options` are Popen's."""
     return start_process(command, env=os.environ | dict.fromkeys(TEMPORARY, str(folder)), **options)
+
+
+def tell(process: subprocess.Popen[bytes], line: str) -> None:
+    """Send a line to a process that carries out orders; one that has ended hears nothing, as its answers say."""
+    assert process.stdin is not None
+    with suppress(OSError):  # of a pipe that nobody reads: EPIPE on POSIX, EINVAL on Windows
+        process.stdin.write(f"{line}\n".encode())
+        process.stdin.flush()
+
+
+def end(process: subprocess.Popen[bytes]) -> None:
+    """End a process that carries out orders, whatever it is at."""
+    process.kill()
+    process.wait()
+    assert process.stdin is not None
+    with suppress(OSError):  # what it was not told any more leaves the buffer here, and has nowhere to go
+        process.stdin.close()
+
+
+def describe(error: OSError) -> str:
+    """Return what the system says of a file, or of a process, as a sentence."""
+    return f"{error.filename}: {error.strerror}" if error.filename else error.strerror or str(error)

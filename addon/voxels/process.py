@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from raytracer.processes.folders import OwnedFolder
 
-from ..own_blender.command import list_orders_command, start_blender
+from ..own_blender.command import describe, end, list_orders_command, start_blender, tell
 
 FOLDER_PREFIX = "raytracer_voxels_"
 # Seconds after which a process that says nothing is given up.
@@ -48,6 +48,12 @@ class VoxelReader:
         """
         if not bpy.app.build_options.openvdb:
             raise VoxelError(NO_OPENVDB)
+        try:
+            return self._read(volume, names)
+        except OSError as error:  # no room for temporary files, or for another process
+            raise VoxelError(describe(error)) from error
+
+    def _read(self, volume: Any, names: Sequence[str]) -> Grids:
         self._orders += 1
         files = self._start()
         path = files.path / f"{self._orders}.vdb"
@@ -61,7 +67,8 @@ class VoxelReader:
                 if f"values_{number}" in arrays
             }
         for suffix in (".vdb", ".npz"):
-            path.with_suffix(suffix).unlink()
+            with suppress(OSError):  # on Windows somebody may look at it; it goes with the folder
+                path.with_suffix(suffix).unlink()
         return found
 
     def _start(self) -> OwnedFolder:
@@ -77,14 +84,11 @@ class VoxelReader:
         """Have an order done; other lines are what Blender says."""
         process = self._process
         assert process is not None
-        assert process.stdin is not None
         assert process.stdout is not None
         silence = threading.Timer(SILENCE_SECONDS, process.kill)
         silence.start()
         try:
-            with suppress(BrokenPipeError):  # it ended: so do its answers
-                process.stdin.write(f"{line}\n".encode())
-                process.stdin.flush()
+            tell(process, line)
             for said in process.stdout:
                 word, _, rest = said.decode(errors="replace").strip().partition(" ")
                 if word == "DONE":
@@ -99,12 +103,9 @@ class VoxelReader:
     def _end(self) -> None:
         if self._process is None:
             return
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
-            with suppress(BrokenPipeError):
-                pipe.close()
+        end(self._process)
+        assert self._process.stdout is not None
+        self._process.stdout.close()
         self._process = None
 
     def close(self) -> None:

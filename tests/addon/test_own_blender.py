@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import subprocess
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from addon.denoising import process as denoising
@@ -68,4 +72,65 @@ def test_nothing_is_left_of_those_who_are_ended(
     process = start()
     assert list(tmp_path.iterdir()) == folders, "its files lie in the folder that is removed"
     process.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+class DeadPipe:
+    """A pipe that nobody reads, as Windows answers for it."""
+
+    def __init__(self, pipe: Any) -> None:
+        self._pipe = pipe
+
+    def write(self, text: bytes) -> None:
+        pass  # into the buffer
+
+    def flush(self) -> None:
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    def close(self) -> None:
+        self._pipe.close()
+        self.flush()
+
+
+@pytest.mark.parametrize("module", [denoising, voxels])
+def test_one_that_ended_before_it_was_told_anything_is_a_fault_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: Any
+) -> None:
+    """On Windows an OSError ended the whole render, which goes on without its denoising, or a volume."""
+
+    def start(*given: Any, **options: Any) -> Any:
+        process = start_blender(*given, **options)
+        process.stdin = DeadPipe(process.stdin)  # type: ignore[assignment]
+        process.kill()
+        return process
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(module, "start_blender", start)
+    if module is denoising:
+        monkeypatch.setattr(denoising, "has_denoiser", lambda: True)
+        with pytest.raises(denoising.DenoiseError, match="ended unexpectedly"):
+            denoising.denoise(np.zeros((2, 2, 4), np.float32), {}, lambda: False)
+        assert denoising._Session.process is None
+    else:
+        grids = SimpleNamespace(save=lambda filepath: True)
+        monkeypatch.setattr(
+            voxels, "bpy", SimpleNamespace(app=SimpleNamespace(build_options=SimpleNamespace(openvdb=True)))
+        )
+        with closing(voxels.VoxelReader()) as reader, pytest.raises(voxels.VoxelError, match="ended unexpectedly"):
+            reader.read(SimpleNamespace(grids=grids), ["density"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pictures_that_cannot_be_removed_yet_are_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On Windows the process reads them still after Esc: a warning named a temporary file."""
+
+    def refuse(path: Path) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(denoising, "has_denoiser", lambda: True)
+    monkeypatch.setattr(Path, "unlink", refuse)
+    denoising.close()
+    with pytest.raises(denoising.DenoiseCancelledError):
+        denoising.denoise(np.zeros((2, 2, 4), np.float32), {}, lambda: True)
     assert list(tmp_path.iterdir()) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from types import SimpleNamespace
 from typing import Any
 
@@ -193,6 +194,21 @@ def test_what_cannot_be_read_is_named(scene_with_camera: Any, monkeypatch: pytes
     (text,) = [str(warning) for warning in extraction.warnings]
     assert "Cloud" in text
     assert "cannot be read, it is left out: the process that reads its voxels ended unexpectedly" in text
+
+
+@pytest.mark.parametrize("place", ["OwnedFolder", "start_blender"])
+def test_a_volume_without_room_for_files_or_processes_is_left_out(
+    scene_with_camera: Any, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """It ended the whole render with an internal error."""
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "/tmp/x")
+
+    make_cloud(scene_with_camera)
+    monkeypatch.setattr(process, place, fail)
+    (text,) = [str(warning) for warning in extract().warnings]
+    assert "cannot be read, it is left out: /tmp/x: No space left on device" in text
 
 
 class Stored(list):
