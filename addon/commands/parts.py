@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import signal
 import sys
 from collections.abc import Iterator
@@ -53,17 +54,24 @@ def find_film(output: Path, part: str | None) -> Path | None:
     return output if is_film(output) else Path(part) if part else None
 
 
-def is_done(path: Path, scene: Any) -> bool:
-    """Return whether a frame's picture, or film, is there and whole."""
+def is_done(path: Path, film: Path | None, until: int | None, scene: Any) -> bool:
+    """Return whether a frame's picture, or film, is there and whole, and the film that is kept has what is asked for.
+
+    film : of `find_film`; without its file a picture that is whole is enough
+    until : the samples that are asked for; None asks for all
+    """
     from raytracer.files.pictures import check_picture
     from raytracer.film.film_file import load_film
 
     from ..engine.output import measure_picture
 
     try:
-        if is_film(path):
-            return is_finished(load_film(path), scene.reference_raytracer)
-        check_picture(path, *measure_picture(scene.render))
+        if film is not None and (is_film(path) or film.exists()):
+            kept = load_film(film)
+            if kept.samples < (until or math.inf) and not is_finished(kept, scene.reference_raytracer):
+                return False
+        if not is_film(path):
+            check_picture(path, *measure_picture(scene.render))
     except (OSError, ValueError):
         return False
     return True

@@ -88,11 +88,12 @@ def run(arguments: argparse.Namespace) -> None:
         path, part = output, arguments.part
         if arguments.frames:
             path, part = number_path(output, frame), part and str(number_path(Path(part), frame))
-        if arguments.skip_existing and parts.is_done(path, scene):
+        film = parts.find_film(path, part)
+        if arguments.skip_existing and parts.is_done(path, film, arguments.until, scene):
             continue
         with interrupts.hold():
             scene.frame_set(frame)
-        with parts.keep_film(parts.find_film(path, part), arguments):
+        with parts.keep_film(film, arguments):
             taken = (parts.render_film if parts.is_film(path) else render_frame)(bpy, scene, path)
         print_result(path, taken, arguments.json)
 

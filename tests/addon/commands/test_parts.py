@@ -118,6 +118,16 @@ def test_frames_that_are_there_are_left_out(tmp_path: Path) -> None:
     assert (first.read_bytes(), first.stat().st_mtime_ns) == (kept, time_of_first)
 
 
+def test_a_picture_is_not_done_while_its_film_goes_on(tmp_path: Path) -> None:
+    """One of --until counted as done for whoever asked for all samples."""
+    picture, film = tmp_path / "f#.png", tmp_path / "p#.npz"
+    options = ("-o", picture, "--part", film, "--frames", "1-1", "--size", "8x8", "--samples", 4, "--workers", 1)
+    done = f"{tmp_path / 'f1.png'}\n"
+    for until, printed in ((("--until", 2), done), (("--until", 2), ""), ((), done), ((), "")):
+        assert run("render", BLEND, *options, "--skip-existing", *until) == printed
+    assert raytracer.load_film(tmp_path / "p1.npz").samples == 4
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without telling them")
 def test_a_render_that_is_told_to_end_keeps_its_film(tmp_path: Path) -> None:
     film = tmp_path / "film.npz"
