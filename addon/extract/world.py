@@ -59,5 +59,6 @@ def extract_world(
 
 def find_world_visibility(world: Any) -> int:
     """Return the classes of rays that see a world, as bits of SEEN_BY."""
-    hidden = [label for name, label in WORLD_VISIBILITY.items() if not getattr(world.cycles_visibility, name, True)]
+    visibility = getattr(world, "cycles_visibility", None)  # of Cycles' add-on, which can be off
+    hidden = [label for name, label in WORLD_VISIBILITY.items() if not getattr(visibility, name, True)]
     return SEEN_BY_ALL - sum(SEEN_BY[label] for label in hidden)

@@ -37,6 +37,14 @@ def empty_scene() -> Any:
 
 
 @pytest.fixture
+def without_cycles(empty_scene: Any) -> Iterator[None]:
+    """Switch Cycles' add-on off, with which its own properties go."""
+    bpy.ops.preferences.addon_disable(module="cycles")
+    yield
+    bpy.ops.preferences.addon_enable(module="cycles")
+
+
+@pytest.fixture
 def scene_with_camera(empty_scene: Any) -> Any:
     """Return the empty scene with a camera at the origin."""
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))

@@ -271,7 +271,15 @@ def collect_passes(channels: dict[str, Image], layer: str, names: Sequence[str])
 
 
 def render_both(scene: Any, view_layer: Any, request: Request) -> tuple[Rendering, Rendering]:
-    """Render a Request with this add-on's engine and with Cycles; return (ours, Cycles')."""
+    """Render a Request with this add-on's engine and with Cycles; return (ours, Cycles').
+
+    Raises
+    ------
+    RuntimeError
+        If Cycles is not there, or an engine reports an error.
+    """
+    if not hasattr(scene, "cycles"):
+        raise RuntimeError("Cycles is switched off: enable its add-on in the preferences")
     with matched_settings(scene, view_layer, request):
         ours = render_batches(scene, view_layer, ENGINE, request)
         return ours, render_batches(scene, view_layer, CYCLES, request)

@@ -67,6 +67,13 @@ def test_world_is_seen_by_the_rays_that_its_visibility_names(world_tree: Any) ->
         setattr(bpy.context.scene.world.cycles_visibility, name, True)
 
 
+def test_world_is_seen_by_all_rays_where_cycles_is_off(without_cycles: None, world_tree: Any) -> None:
+    """The properties of its add-on are not there then: every picture under a world was an internal error."""
+    add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
+    assert extract().scene.world.seen_by == SEEN_BY_ALL
+    assert not texts()
+
+
 def test_node_that_is_not_supported_is_replaced_by_the_sockets_color_and_named(world_tree: Any) -> None:
     background = add(world_tree, "ShaderNodeBackground", Color=(0.25, 0.5, 1, 1))
     unknown = world_tree.nodes.new("ShaderNodeShaderToRGB")
