@@ -156,7 +156,7 @@ def render_view_layer(engine: Any, depsgraph: Any, view: str = "") -> None:
         progress = Progress(engine, output, count_pictures(scene))
         progress.show_stage("Reading the scene")
         kept = animation.find_frames(engine, depsgraph)
-        extraction = read_scene(depsgraph, kept, find_set_frame(engine, scene))
+        extraction = read_scene(depsgraph, kept, find_set_frame(engine, scene), engine.camera_override)
         warnings = (*extraction.warnings, *find_ignored_settings(depsgraph, extraction.scene.motion is not None))
         things = name_things(extraction, enabled_passes(view_layer))
         traced = look_from_view(engine, view, scene, give_identities(extraction.scene, things))
@@ -199,14 +199,14 @@ def render_view_layer(engine: Any, depsgraph: Any, view: str = "") -> None:
     statistics.record_view_layer(depsgraph.scene, taken, first=engine.layers_done == 0)
 
 
-def read_scene(depsgraph: Any, kept: Frames | None, set_frame: SetFrame | None = None) -> Extraction:
+def read_scene(depsgraph: Any, kept: Frames | None, set_frame: SetFrame | None, seen_from: Any) -> Extraction:
     """Return what the depsgraph shows, or raise SceneError with the reason why it cannot be rendered.
 
-    set_frame : as of `extract_scene`
+    set_frame, seen_from : as of `extract_scene`
     """
-    passes = enabled_passes(depsgraph.view_layer_eval)
+    passes, last = enabled_passes(depsgraph.view_layer_eval), kept.kept if kept else None
     try:
-        return extract_scene(depsgraph, passes, kept=kept.kept if kept else None, set_frame=set_frame)
+        return extract_scene(depsgraph, passes, kept=last, set_frame=set_frame, seen_from=seen_from)
     except ValueError as error:
         raise SceneError(str(error)) from error
 

@@ -42,8 +42,9 @@ def look_from_view(engine: Any, view: str, scene: Any, traced: raytracer.Scene) 
     if not view:
         return traced
     engine.active_view_set(view)
-    seen_from = find_camera(scene, view)
-    camera = read_camera(seen_from, scene.render, WarningList()) if seen_from != scene.camera else traced.camera
+    middle = engine.camera_override or scene.camera
+    seen_from = find_camera(scene, view, middle)
+    camera = read_camera(seen_from, scene.render, WarningList()) if seen_from != middle else traced.camera
     assert camera is not None
     if seen_from.type == "CAMERA":
         panorama = camera.panorama
@@ -69,10 +70,10 @@ def read_eye(stereo: Any, view: str) -> dict[str, Any]:
     return fields
 
 
-def find_camera(scene: Any, view: str) -> Any:
-    """Return the camera of a view: the scene's; of several cameras, the one whose name ends with the view's suffix
-    where the scene's ends with another's."""
-    camera, views = scene.camera, scene.render.views
+def find_camera(scene: Any, view: str, middle: Any = None) -> Any:
+    """Return the camera of a view: `middle`, or else the scene's; of several cameras, the one whose name ends with the
+    view's suffix where that one's ends with another's."""
+    camera, views = middle or scene.camera, scene.render.views
     if scene.render.views_format != "MULTIVIEW":
         return camera
     for other in views:

@@ -107,12 +107,15 @@ class AdaptiveBase:
         return *polygons, cage.creases, cage.crease_sharpness, cage.vertex_sharpness
 
 
-def read_dicing(depsgraph: Any) -> Dicing:
-    """Return what a depsgraph's scene says of dicing."""
+def read_dicing(depsgraph: Any, seen_from: Any = None) -> Dicing:
+    """Return what a depsgraph's scene says of dicing.
+
+    seen_from : as of `extract_scene`
+    """
     scene, is_render = depsgraph.scene, depsgraph.mode == "RENDER"  # the evaluated one lacks what scripts set in Cycles
     cycles = getattr(scene, "cycles", None)
     settings = {name: getattr(cycles, name, value) for name, value in DEFAULTS.items()}
-    camera, render = settings["dicing_camera"] or scene.camera, scene.render
+    camera, render = settings["dicing_camera"] or seen_from or scene.camera, scene.render
     view = None
     if camera is not None:
         width, height = (

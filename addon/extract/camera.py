@@ -36,15 +36,21 @@ MILLIMETRES = 1000.0
 SMALLEST_FSTOP, SMALLEST_FOCUS = 1e-5, 1e-5
 
 
-def extract_camera(scene: Any, warnings: WarningList) -> raytracer.Camera:
-    """Return the active camera of an evaluated scene.
+def find_camera(depsgraph: Any, seen_from: Any = None) -> Any:
+    """Return the evaluated object that a scene is seen from: its camera, or another one; None without any."""
+    camera = seen_from or depsgraph.scene_eval.camera
+    return camera and camera.evaluated_get(depsgraph)
+
+
+def extract_camera(scene: Any, warnings: WarningList, seen_from: Any = None) -> raytracer.Camera:
+    """Return the active camera of an evaluated scene, or the object that it is seen from in its place.
 
     Raises
     ------
     ValueError
         If the scene has no camera, or its matrix has no inverse.
     """
-    camera = scene.camera
+    camera = seen_from or scene.camera
     if camera is None:
         raise ValueError(f"Scene '{scene.name}' has no camera: add one, or set one in the scene's properties")
     return read_camera(camera, scene.render, warnings)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 import raytracer
 
 from .. import versions
-from .camera import make_camera_motion, read_camera
+from .camera import find_camera, make_camera_motion, read_camera
 from .dicing import Diced, carry_shape
 from .meshes import Points, extract_points, has_points, has_shape, open_mesh, read_corners, read_shape
 from .shutter import SetFrame, Shutter, list_times, read_curve
@@ -227,11 +227,11 @@ def read_motion(
     shutter: Shutter,
     set_frame: SetFrame,
     warnings: WarningList,
+    seen_from: Any = None,
 ) -> raytracer.Motion | None:
     """Return how a scene moves, that was read in the middle of the shutter's time; None where nothing does."""
-    camera = depsgraph.scene_eval.camera.original
-    eval_camera = camera.evaluated_get(depsgraph)
-    camera_times = list_times(tracks.steps or count_steps(eval_camera, eval_camera))
+    camera = find_camera(depsgraph, seen_from)
+    camera_times, camera = list_times(tracks.steps or count_steps(camera, camera)), camera.original
     cameras = {0.0: scene.camera}
     for time in sorted(tracks.list_times() | set(camera_times) - {0.0}):
         set_frame(*shutter.find_frame(time))

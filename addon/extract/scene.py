@@ -16,7 +16,7 @@ from raytracer.film.passes import list_aovs
 from .. import versions
 from ..voxels.process import VoxelReader
 from .adaptive import read_dicing
-from .camera import extract_camera
+from .camera import extract_camera, find_camera
 from .caustics import warn_caustics
 from .custom_properties import read_layer_of
 from .dicing import dice_meshes
@@ -66,6 +66,7 @@ def extract_scene(
     kept: Kept | None = None,
     set_frame: SetFrame | None = None,
     needs_camera: bool = True,
+    seen_from: Any = None,
 ) -> Extraction:
     """Return all that a depsgraph shows, in the depsgraph's own mode (render or viewport).
 
@@ -83,19 +84,23 @@ def extract_scene(
     set_frame : has the depsgraph show another frame, for motion blur or the pass Vector where they are asked for; None
         leaves both out
     needs_camera : False for bakes, which show surfaces, without a camera too
+    seen_from : the object that is looked through in place of the scene's camera, or None
 
     Raises
     ------
     ValueError
         If the scene has no usable camera and one is needed.
     """
+    seen_from = seen_from and seen_from.original  # evaluated ones may not outlive a change of frames
     with read_layer_of(depsgraph), hold_trees():
         if set_frame is None or not (is_blurred(depsgraph) or "Vector" in passes):
-            return _extract_scene(depsgraph, passes, geometry_only, space, kept, needs_camera)
-        return extract_moving(depsgraph, passes, kept, set_frame)
+            return _extract_scene(depsgraph, passes, geometry_only, space, kept, needs_camera, seen_from)
+        return extract_moving(depsgraph, passes, kept, set_frame, seen_from)
 
 
-def extract_moving(depsgraph: Any, passes: Sequence[str], kept: Kept | None, set_frame: SetFrame) -> Extraction:
+def extract_moving(
+    depsgraph: Any, passes: Sequence[str], kept: Kept | None, set_frame: SetFrame, seen_from: Any = None
+) -> Extraction:
     """Return the scene in the middle of the shutter's time, with its motion; without a shutter, with its motion from
     the frame before to the next."""
     source, blurs = depsgraph.scene, is_blurred(depsgraph)
@@ -103,8 +108,8 @@ def extract_moving(depsgraph: Any, passes: Sequence[str], kept: Kept | None, set
     tracks = Tracks(source, shutter.frame, None if blurs else STEPS_OF_NEIGHBORS)
     warnings = WarningList()
     with opened_shutter(shutter, set_frame):
-        still = _extract_scene(depsgraph, passes, False, None, kept, True, tracks)
-        motion = read_motion(depsgraph, tracks, still.scene, shutter, set_frame, warnings)
+        still = _extract_scene(depsgraph, passes, False, None, kept, True, seen_from, tracks)
+        motion = read_motion(depsgraph, tracks, still.scene, shutter, set_frame, warnings, seen_from)
     if blurs and "Vector" in passes:
         warnings.add("the Vector pass is empty with motion blur: the picture has the motion already")
     scene = still.scene
@@ -120,6 +125,7 @@ def _extract_scene(
     space: Any,
     kept: Kept | None,
     needs_camera: bool,
+    seen_from: Any,
     tracks: Tracks | None = None,
 ) -> Extraction:
     """Return what `extract_scene` does, while the view layer's properties can be found.
@@ -128,9 +134,9 @@ def _extract_scene(
     """
     warnings = WarningList()
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
-    camera = None
-    if not (geometry_only or space) and (needs_camera or scene.camera is not None):
-        camera = extract_camera(scene, warnings)
+    camera, seen_from = None, find_camera(depsgraph, seen_from)
+    if not (geometry_only or space) and (needs_camera or seen_from is not None):
+        camera = extract_camera(scene, warnings, seen_from)
     last = kept or Kept()
     frame = tracks.frame if tracks else scene.frame_current
     materials = None if geometry_only else MaterialTable(warnings, last, frame, list_aovs(passes))
@@ -139,7 +145,7 @@ def _extract_scene(
     if materials is not None:
         warn_working_space(warnings)
         warn_transparent_film(scene, warnings)
-    dicing = read_dicing(depsgraph) if needs_camera and not geometry_only else None
+    dicing = read_dicing(depsgraph, seen_from) if needs_camera and not geometry_only else None
     with closing(VoxelReader()) as voxels:
         context = Context(
             *(view_layer, meshes, materials, warnings, space, last),

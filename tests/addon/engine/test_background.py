@@ -154,6 +154,18 @@ def test_sequencer_comes_after_the_engine(blend: Path, tmp_path: Path) -> None:
     assert_filled(tmp_path / "out_0001.exr", 0.5 * np.array(COLOR), tolerance=2**-7)  # the strip has 8 bits
 
 
+def test_a_strip_has_its_own_camera(blend: Path, tmp_path: Path) -> None:
+    """It was seen from the scene's."""
+    away = """
+away = bpy.data.objects.new("Away", bpy.data.cameras.new("Away"))
+away.location, away.rotation_euler = (0.0, 0.0, 10.0), (3.14159, 0.0, 0.0)
+scene.collection.objects.link(away)
+strip.scene_camera = away
+"""
+    succeed(run_blender(blend, tmp_path, SEQUENCE + away, "-S", "Cut", "-o", tmp_path / "out_", "-f", 1))
+    assert_filled(tmp_path / "out_0001.exr", np.zeros(3))
+
+
 def test_failure_is_told_and_leaves_no_file(blend: Path, tmp_path: Path) -> None:
     more = "bpy.data.objects['Camera'].scale = (0, 0, 0)"
     done = run_blender(blend, tmp_path, more, "-o", tmp_path / "out_", "-f", 1)

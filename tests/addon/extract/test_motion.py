@@ -54,8 +54,8 @@ def list_curves(thing: Any) -> list[Any]:
     ]
 
 
-def read(stage: Any, *passes: str) -> tuple[Any, list[float]]:
-    """Return the extraction and the frames that it asked for."""
+def read(stage: Any, *passes: str, **options: Any) -> tuple[Any, list[float]]:
+    """Return the extraction, with options of its function, and the frames that it asked for."""
     for thing in stage.objects:
         thing.update_tag()  # a property of Cycles alone is not told to the depsgraph that is there
     asked: list[float] = []
@@ -64,7 +64,7 @@ def read(stage: Any, *passes: str) -> tuple[Any, list[float]]:
         asked.append(frame + subframe)
         stage.frame_set(frame, subframe=subframe)
 
-    found = extract_scene(bpy.context.evaluated_depsgraph_get(), ("Combined", *passes), set_frame=set_frame)
+    found = extract_scene(bpy.context.evaluated_depsgraph_get(), ("Combined", *passes), set_frame=set_frame, **options)
     assert stage.frame_current_final == FRAME
     return found, asked
 
@@ -91,6 +91,17 @@ def test_the_shutter_opens_where_it_is_set_to(stage: Any, shown: Any, position: 
     found, _ = read(stage)
     assert places(found) == [first, first + 0.5, first + 1.0]
     assert found.scene.instances.world_from_object[0, 0, 3] == first + 0.5
+
+
+def test_a_camera_in_place_of_the_scenes_is_seen_through_at_all_steps(stage: Any, shown: Any) -> None:
+    """Viewports and strips may have one of their own: it was ignored."""
+    other = bpy.data.objects.new("Other", bpy.data.cameras.new("Other"))
+    other.location.y = 3.0
+    stage.collection.objects.link(other)
+    move(other)
+    found, _ = read(stage, seen_from=other)
+    assert found.scene.camera.world_from_camera[:3, 3].tolist() == [0.0, 3.0, 0.0]
+    assert found.scene.motion.camera.world_from_camera[:, 0, 3].tolist() == [-0.5, 0.0, 0.5]
 
 
 def test_more_steps_follow_the_path_more_finely(stage: Any, shown: Any) -> None:
