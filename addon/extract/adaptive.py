@@ -12,6 +12,7 @@ subd/osd.cpp (sharpness of creases).
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -54,7 +55,7 @@ MAP_RULES = {
 class Dicing(NamedTuple):
     """What a scene says of dicing.
 
-    view : what meshes are diced for; None without a camera
+    view : what meshes are diced for; None without a camera that sees
     rate : how much longer edges may be than modifiers ask
     rounds : how often the edges of polygons are halved at most, but for the first time
     is_render : the depsgraph's mode
@@ -122,7 +123,9 @@ def read_dicing(depsgraph: Any, seen_from: Any = None) -> Dicing:
             max(side * render.resolution_percentage // 100, 1) for side in (render.resolution_x, render.resolution_y)
         )
         evaluated = camera.evaluated_get(depsgraph)
-        view = View(read_camera(evaluated, render, WarningList()), width, height, settings["offscreen_dicing_scale"])
+        with suppress(ValueError):  # views that do not look through it go on
+            lens = read_camera(evaluated, render, WarningList())
+            view = View(lens, width, height, settings["offscreen_dicing_scale"])
     rate = settings["dicing_rate" if is_render else "preview_dicing_rate"]
     return Dicing(view, rate, max(settings["max_subdivisions"] - 1, 0), is_render)
 

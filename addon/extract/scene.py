@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -136,7 +136,8 @@ def _extract_scene(
     scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
     camera, seen_from = None, find_camera(depsgraph, seen_from)
     if not (geometry_only or space) and (needs_camera or seen_from is not None):
-        camera = extract_camera(scene, warnings, seen_from)
+        with nullcontext() if needs_camera else suppress(ValueError):
+            camera = extract_camera(scene, warnings, seen_from)
     last = kept or Kept()
     frame = tracks.frame if tracks else scene.frame_current
     materials = None if geometry_only else MaterialTable(warnings, last, frame, list_aovs(passes))

@@ -149,6 +149,20 @@ def test_a_camera_at_no_place_is_told_so(scene_with_camera: Any) -> None:
         extract_camera(bpy.context.evaluated_depsgraph_get().scene_eval, WarningList())
 
 
+@pytest.mark.parametrize("scale", [0.0, np.nan])
+def test_a_camera_without_scale_ends_only_what_is_seen_through_it(shown: Any, scale: float) -> None:
+    """It ended views and bakes that do not look through it, too."""
+    bpy.context.scene.camera.scale = (scale, scale, scale)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    areas = [area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"]
+    seen = [extract_scene(depsgraph, space=areas[0].spaces.active), extract_scene(depsgraph, needs_camera=False)]
+    for extraction in seen:
+        assert len(extraction.scene.meshes) == 1
+        assert not extraction.warnings
+    with pytest.raises(ValueError, match="Camera 'Camera' has a"):
+        extract_scene(depsgraph)
+
+
 @pytest.mark.parametrize(("transparent", "glass"), [(True, True), (True, False), (False, True)])
 def test_glass_that_shall_be_transparent_is_named(scene_with_camera: Any, transparent: bool, glass: bool) -> None:
     scene_with_camera.render.film_transparent = transparent
