@@ -73,7 +73,7 @@ class Kept:
         """
         self.parts, self.meshes = parts, meshes
         self.materials = {entry.key: entry for entry in materials.entries if not entry.moves}
-        self.images = materials.images.silent
+        self.images = materials.images.readings
         self.changes = None
 
     def trusts(self, *identities: int) -> bool:

@@ -17,7 +17,7 @@ readimage.cc (imb_handle_alpha); manual, Editors > Image Editor > Image Settings
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from raytracer.textures.image import encode_srgb
 
 from ... import versions
 from ..kept import Kept
+from ..warnings import WarningList
 from .color_spaces import find_decoder
 from .image_frames import find_frame, find_path, open_frame, open_movie
 from .image_tiles import open_tiles
@@ -47,6 +48,13 @@ MAGENTA = Image(np.array([[(1.0, 0.0, 1.0, 1.0)]], dtype=np.float32), "srgb", "m
 LINEAR_MAGENTA = Image(MAGENTA.pixels, "linear", "missing")
 
 
+class Reading(NamedTuple):
+    """What an image's pixels were read as, which may be kept: None for none, and what had to be said of it."""
+
+    image: Image | TiledImage | None
+    texts: tuple[str, ...] = ()
+
+
 class ImageTable:
     """The scene's images, each read once, and again only if it may have changed since the last extraction.
 
@@ -54,11 +62,9 @@ class ImageTable:
     """
 
     def __init__(self, kept: Kept | None = None, frame: int = 1) -> None:
-        self._images: dict[ImageKey, Image | TiledImage | None] = {}
+        self.readings: dict[ImageKey, Reading] = {}
         self._kept, self._frame = kept or Kept(), frame
         self.sequences = 0  # how often one was asked for
-        # Those that may be kept: a warning would be lost.
-        self.silent: dict[ImageKey, Image | TiledImage | None] = {}
 
     def find_image(self, image: Any, user: Any, node: str, place: WarningContext) -> Image | TiledImage | None:
         """Return an image as the tracer's, or None, which shows magenta, for none; magenta in its own color space for
@@ -75,14 +81,13 @@ class ImageTable:
             frame, self.sequences = find_frame(user, self._frame), self.sequences + 1
         settings = image.filepath, image.colorspace_settings.name, image.alpha_mode
         key = image.original.session_uid, frame, *settings
-        if key not in self._images:
-            count = len(place.warnings.records)
+        if key not in self.readings:
             stays = self._kept.trusts(key[0]) or (self._kept.trusts_files and is_read_from_file(image))
             last = self._kept.images.get(key) if stays else None
-            self._images[key] = self._read(image, frame, place) if last is None else last
-            if len(place.warnings.records) == count:
-                self.silent[key] = self._images[key]
-        found = self._images[key]
+            self.readings[key] = last or self._read(image, frame)
+        found, texts = self.readings[key]
+        for text in texts:
+            place.warn(text)
         if found is None:
             is_layered = image.type == "MULTILAYER"  # known only now that its pixels were asked for
             reason = "has layers of passes, which are not supported" if is_layered else "is missing"
@@ -92,13 +97,19 @@ class ImageTable:
             warn_of_tiles(image, found, place)
         return found
 
-    def _read(self, image: Any, frame: str | int, place: WarningContext) -> Image | TiledImage | None:
+    def _read(self, image: Any, frame: str | int) -> Reading:
+        """Read an image. What is to be said of it is kept with it: reading makes data-blocks, upon which a viewport
+        asks for the scene anew, and would read for ever."""
+        place = WarningContext(WarningList())
+        found: Image | TiledImage | None = None
         if image.source == "TILED":
-            return extract_tiles(image, place)
-        if frame == "":
-            return extract_image(image, place)
-        with open_movie(image, frame) if isinstance(frame, int) else open_frame(image, frame) as shown:
-            return None if shown is None else extract_image(shown, place)
+            found = extract_tiles(image, place)
+        elif frame == "":
+            found = extract_image(image, place)
+        else:
+            with open_movie(image, frame) if isinstance(frame, int) else open_frame(image, frame) as shown:
+                found = None if shown is None else extract_image(shown, place)
+        return Reading(found, tuple(warning.text for warning in place.warnings.records))
 
 
 def is_associated(image: Any) -> bool:
@@ -135,11 +146,7 @@ def extract_tiles(image: Any, place: WarningContext) -> TiledImage:
 
 
 def warn_of_tiles(image: Any, found: TiledImage, place: WarningContext) -> None:
-    """Name what a tiled image does not show.
-
-    Apart from reading it, so that it may be kept: reading makes data-blocks, upon which a viewport asks for the scene
-    anew, and would never end.
-    """
+    """Name what a tiled image does not show."""
     if image.is_dirty:
         place.warn(f"image '{image.name}': paint on its tiles is neither saved nor packed, and not shown")
     pairs = zip(found.numbers, found.tiles, strict=True)

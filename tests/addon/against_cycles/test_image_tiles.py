@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -12,6 +13,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from addon.extract.kept import Changes, Kept
+from addon.extract.shaders import images
 from addon.extract.shaders.images import ImageTable
 from addon.extract.shaders.nodes import WarningContext
 from addon.extract.warnings import WarningList
@@ -153,9 +155,45 @@ def test_tiles_that_are_missing_are_read_once_and_named_each_time(empty_scene: A
         found = tables[-1].find_image(image, None, "Node", WarningContext(warnings))
         (warning,) = warnings.records
         assert "tiles without pixels are shown in magenta: 1001" in warning.text
-        kept = Kept(images=tables[-1].silent, changes=Changes(frozenset(), frozenset(), frozenset()))
-    (kept_once,), (kept_again,) = (table.silent.values() for table in tables)
-    assert kept_once is kept_again is found
+        kept = Kept(images=tables[-1].readings, changes=Changes(frozenset(), frozenset(), frozenset()))
+    (kept_once,), (kept_again,) = (table.readings.values() for table in tables)
+    assert kept_once is kept_again
+    assert kept_once.image is found
+
+
+@pytest.mark.parametrize("lost", [True, False], ids=["lost movie", "tiles in an unknown space"])
+def test_what_is_warned_of_in_reading_is_read_once_too(
+    empty_scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: bool
+) -> None:
+    """A viewport that met them never rested."""
+    image = load_tiles(save_tiles(tmp_path))
+    if lost:
+        image = bpy.data.images.new("Movie", 1, 1)
+        image.source, image.filepath = "MOVIE", str(tmp_path / "lost.mp4")
+    else:
+        image.colorspace_settings.name = "AgX Base sRGB"
+    user = SimpleNamespace(frame_duration=1, frame_start=1, frame_offset=0, use_cyclic=False)
+    opened: list[str] = []
+    said: list[Any] = []
+    kept = Kept()
+    for name in ("open_movie", "open_tiles"):
+        monkeypatch.setattr(images, name, note_calls(getattr(images, name), opened))
+    for _ in range(2):
+        table, warnings = ImageTable(kept), WarningList()
+        table.find_image(image, user, "Node", WarningContext(warnings))
+        said.append(warnings.records)
+        kept = Kept(images=table.readings, changes=Changes(frozenset(), frozenset(), frozenset()))
+    assert len(opened) == 1
+    assert said[0] == said[1]
+    assert len(said[0]) == 1
+
+
+def note_calls(function: Callable[..., Any], calls: list[str]) -> Callable[..., Any]:
+    def call(*arguments: Any) -> Any:
+        calls.append(function.__name__)
+        return function(*arguments)
+
+    return call
 
 
 def test_tiles_of_a_library_are_found_beside_it(empty_scene: Any, tmp_path: Path) -> None:

@@ -346,6 +346,6 @@ def test_an_image_that_is_given_another_file_is_read_again(warnings: WarningList
         shown.filepath = str(tmp_path / f"{name}.png")
         table = ImageTable(kept)
         found.append(table.find_image(shown, None, "Image Texture", place(warnings)))
-        kept.images = table.silent
+        kept.images = table.readings
     assert found[1] is found[0]
     assert [int(image.pixels[0, 0, 0]) for image in found] == [64, 64, 191]
