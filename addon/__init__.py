@@ -46,10 +46,26 @@ def __getattr__(name: str) -> object:
 
 def register() -> None:
     """Add the render engine, its settings, its panels and its command to Blender."""
+    _forget_replaced_modules()
     from . import registration
     from .commands import blender_command
 
     registration.register(blender_command)
+
+
+def _forget_replaced_modules() -> None:
+    """Forget the modules of a ray tracer that an update of the extension has replaced: Blender forgets the add-on's own
+    and not those of its wheel, each build of which has another version."""
+    import sys
+    from importlib import import_module
+    from pathlib import Path
+
+    loaded = import_module("raytracer")
+    installed = sorted(path.name for path in Path(str(loaded.__file__)).parents[1].glob("raytracer-*.dist-info"))
+    if vars(loaded).get("_installed", installed) != installed:
+        for name in [name for name in sys.modules if name.split(".")[0] == "raytracer"]:
+            del sys.modules[name]
+    vars(import_module("raytracer"))["_installed"] = installed
 
 
 def unregister() -> None:

@@ -6,6 +6,7 @@ With the bpy module always; with a Blender application where the environment var
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -105,6 +106,30 @@ def test_extension_installs_into_the_bpy_module_and_renders(package: Path, blend
     assert len(places) == 2
     assert "engine gone" in done.stdout
     assert_shows_plane(picture)
+
+
+UPDATE = """
+import sys, bpy
+for package in sys.argv[1:]:
+    bpy.ops.extensions.package_install_files(filepath=package, repo="user_default", enable_on_install=True)
+import raytracer
+from bl_ext.user_default.reference_raytracer.engine import engine
+print("built", raytracer.__doc__, engine.raytracer is raytracer)
+"""
+
+
+def test_a_newer_build_brings_its_own_ray_tracer(package: Path, tmp_path: Path) -> None:
+    """Blender keeps a wheel of the same version, and in an open session the modules of the old one."""
+    source, script = tmp_path / "source", tmp_path / "script.py"
+    for name in ("addon", "raytracer", ".ci"):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", source)
+    (source / "raytracer" / "__init__.py").write_text(
+        (ROOT / "raytracer" / "__init__.py").read_text(encoding="utf-8") + "\n__doc__ = 'anew'\n", encoding="utf-8"
+    )
+    newer = run(sys.executable, source / ".ci" / "build_extension", tmp_path / "dist").stdout.strip()
+    script.write_text(UPDATE, encoding="utf-8")
+    assert "built anew True" in run(sys.executable, script, package, newer, home=tmp_path).stdout
 
 
 COMPARE_AND_INSPECT = """
