@@ -11,6 +11,7 @@ from .compare.window import operators
 from .denoising import process as denoiser
 from .engine import engine, worker_pool
 from .scripting import held
+from .together import register_all, unregister_all
 
 PARTS = (properties, passes, engine, panels, inspector, window, scanning)
 
@@ -18,10 +19,10 @@ _registered: list[Any] = []
 
 
 def register(*more: Any) -> None:
-    """Add the parts, and `more` of them, to Blender."""
-    for part in (*PARTS, *more):
-        part.register()
-        _registered.append(part)
+    """Add the parts, and `more` of them, to Blender; all or none."""
+    parts = (*PARTS, *more)
+    register_all(parts)
+    _registered.extend(parts)
     atexit.register(_leave)
 
 
@@ -29,8 +30,9 @@ def unregister() -> None:
     """Take out everything that `register` added."""
     atexit.unregister(_leave)
     held.unregister()
-    while _registered:
-        _registered.pop().unregister()
+    parts = tuple(_registered)
+    _registered.clear()
+    unregister_all(parts)
     denoiser.close()  # viewports that still wait for it want no more by now
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 from bpy.props import IntProperty
 
+from ..together import make_registrars
 from . import session
 from .picking import find_pixel, find_place, find_view_ray
 
@@ -112,4 +113,4 @@ class RAYTRACER_OT_clear_rays(bpy.types.Operator):
 
 CLASSES = (RAYTRACER_OT_inspect_pixel, RAYTRACER_OT_clear_rays)
 
-register, unregister = bpy.utils.register_classes_factory(CLASSES)
+register, unregister = make_registrars(CLASSES)

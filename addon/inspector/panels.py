@@ -12,6 +12,7 @@ import bpy
 from raytracer.integrator.traced_rays import CAMERA, PASSED, REFLECTED, REFRACTED, TracedRay
 
 from ..properties import ENGINE
+from ..together import make_registrars
 from . import session
 from .describe import Line, describe_dark, describe_hit, describe_ray, describe_shadow
 
@@ -155,4 +156,4 @@ def make_panels(space: str, prefix: str) -> tuple[Any, ...]:
 
 CLASSES = (RAYTRACER_UL_rays, *make_panels("VIEW_3D", "VIEW3D"), *make_panels("IMAGE_EDITOR", "IMAGE"))
 
-register, unregister = bpy.utils.register_classes_factory(CLASSES)
+register, unregister = make_registrars(CLASSES)

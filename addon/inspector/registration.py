@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+from ..together import register_all, unregister_all
 from . import operators, panels, properties, session
+
+PARTS = (properties, operators, panels, session)
 
 
 def register() -> None:
     """Add operators, their results' properties and panels."""
-    properties.register()
-    operators.register()
-    panels.register()
-    session.register()
+    register_all(PARTS)
 
 
 def unregister() -> None:
     """Take out everything, lines in the 3D view included."""
-    session.unregister()
-    panels.unregister()
-    operators.unregister()
-    properties.unregister()
+    unregister_all(PARTS)

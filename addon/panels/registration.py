@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import bpy
-
 from .. import versions
+from ..together import make_registrars
 from . import (
     bake,
     built_in,
@@ -26,13 +25,13 @@ CLASSES = (
     *(*camera.CLASSES, *motion_blur.CLASSES, *curves.CLASSES, *subdivision.CLASSES, *resume.CLASSES),
 )
 
-register_classes, unregister_classes = bpy.utils.register_classes_factory(CLASSES)
+register_classes, unregister_classes = make_registrars(CLASSES)
 
 
 def register() -> None:
     """Add the panels and join the built-in ones."""
-    versions.register_presets(presets.HOME)
     register_classes()
+    versions.register_presets(presets.HOME)
     last_render.register()
     resume.register()
     built_in.join()
@@ -43,5 +42,5 @@ def unregister() -> None:
     built_in.leave()
     resume.unregister()
     last_render.unregister()
-    unregister_classes()
     versions.unregister_presets(presets.HOME)
+    unregister_classes()

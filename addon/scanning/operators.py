@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 
 from ..scripting.scan import scan, scan_frames
+from ..together import make_registrars
 
 
 class RAYTRACER_OT_scan(bpy.types.Operator):
@@ -96,4 +97,4 @@ def choose(context: Any, found: list[Any]) -> None:
         context.view_layer.objects.active = found[-1]
 
 
-register, unregister = bpy.utils.register_classes_factory((RAYTRACER_OT_scan,))
+register, unregister = make_registrars((RAYTRACER_OT_scan,))

@@ -8,6 +8,8 @@ from typing import Any
 
 import bpy
 
+from ..together import make_registrars
+
 
 class _ScanPanel:
     """A panel of the tab."""
@@ -78,4 +80,4 @@ class VIEW3D_PT_raytracer_scan_returns(_ScanPanel, bpy.types.Panel):
 
 CLASSES = (VIEW3D_PT_raytracer_scan, VIEW3D_PT_raytracer_scan_pattern, VIEW3D_PT_raytracer_scan_returns)
 
-register, unregister = bpy.utils.register_classes_factory(CLASSES)
+register, unregister = make_registrars(CLASSES)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from ..together import register_all, unregister_all
 from . import operators, panels, properties
+
+PARTS = (properties, operators, panels)
 
 
 def register() -> None:
     """Add settings, operator and panels."""
-    properties.register()
-    operators.register()
-    panels.register()
+    register_all(PARTS)
 
 
 def unregister() -> None:
     """Take them out."""
-    panels.unregister()
-    operators.unregister()
-    properties.unregister()
+    unregister_all(PARTS)

@@ -11,6 +11,7 @@ import bpy
 from ...editors import redraw
 from ...inspector import session as inspector
 from ...inspector.panels import find_chosen
+from ...together import make_registrars
 from . import session
 from .heat_map import IMAGE_NAME, open_image
 from .job import ComparisonError, Running
@@ -226,4 +227,4 @@ CLASSES = (
     RAYTRACER_OT_judge_ray,
 )
 
-register, unregister = bpy.utils.register_classes_factory(CLASSES)
+register, unregister = make_registrars(CLASSES)

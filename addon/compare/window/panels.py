@@ -11,6 +11,7 @@ import bpy
 from ...editors import count_letters
 from ...inspector.panels import CATEGORY, draw_lines, find_chosen
 from ...properties import ENGINE
+from ...together import make_registrars
 from . import session
 from .describe import describe_exact, describe_map, describe_numbers, describe_outcome, describe_verdict
 from .heat_map import IMAGE_NAME
@@ -142,4 +143,4 @@ CLASSES = (
     IMAGE_PT_raytracer_verdict,
 )
 
-register, unregister = bpy.utils.register_classes_factory(CLASSES)
+register, unregister = make_registrars(CLASSES)

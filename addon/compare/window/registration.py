@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
+from ...together import register_all, unregister_all
 from . import color_bar, job, operators, panels, properties, session
+
+PARTS = (properties, operators, panels, session, color_bar)
 
 
 def register() -> None:
     """Add operators, their results' properties and panels; remove what a killed Blender left of its comparison."""
-    job.remove_abandoned()
-    properties.register()
-    operators.register()
-    panels.register()
-    session.register()
-    color_bar.register()
+    with suppress(OSError):  # a full disk has no folder for temporary files
+        job.remove_abandoned()
+    register_all(PARTS)
 
 
 def unregister() -> None:
     """End a comparison that runs, and take everything out."""
     operators.stop()
-    color_bar.unregister()
-    session.unregister()
-    panels.unregister()
-    operators.unregister()
-    properties.unregister()
+    unregister_all(PARTS)

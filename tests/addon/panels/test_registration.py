@@ -8,8 +8,9 @@ import bpy
 import pytest
 
 import addon
-from addon import handlers, inspector, panels, properties
+from addon import handlers, inspector, panels, properties, scanning
 from addon.compare import window
+from addon.compare.window import job
 from addon.denoising import process
 from addon.panels import built_in, last_render, presets
 from addon.properties import ENGINE
@@ -165,6 +166,56 @@ def test_leaving_handlers_that_others_have_emptied_is_harmless(empty_scene: Any)
     count = len(bpy.app.handlers.render_complete)
     handlers.join(last_render.show_news, bpy.app.handlers.render_complete)
     assert len(bpy.app.handlers.render_complete) == count
+    addon.unregister()
+
+
+def fail(*_: Any) -> None:
+    raise OSError("no usable folder")
+
+
+def test_what_fails_to_register_leaves_nothing(empty_scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The engine stayed without its add-on, which could not be switched on again before Blender was started anew."""
+    before = {name for name in dir(bpy.types) if "RAYTRACER" in name.upper()}
+    with monkeypatch.context() as broken:
+        broken.setattr(scanning.panels, "register", fail)
+        for _ in range(2):
+            with pytest.raises(OSError, match="no usable folder"):
+                addon.register()
+            assert {name for name in dir(bpy.types) if "RAYTRACER" in name.upper()} == before
+            assert not hasattr(bpy.context.scene, "reference_raytracer")
+    addon.register()
+    addon.unregister()
+
+
+def test_a_class_that_fails_to_register_takes_the_others_with_it(
+    empty_scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where another add-on has taken a panel away that one of ours stands below, say."""
+    with monkeypatch.context() as broken:
+        broken.setattr(panels.CLASSES[-1], "bl_idname", "no.operator of a valid name")
+        with pytest.raises((ValueError, RuntimeError)):
+            addon.register()
+    addon.register()
+    addon.unregister()
+
+
+def test_a_part_that_fails_to_unregister_keeps_no_other(empty_scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    addon.register()
+    with monkeypatch.context() as broken:
+        broken.setattr(inspector.session, "leave", fail)
+        with pytest.raises(OSError, match="no usable folder"):
+            addon.unregister()
+    assert not hasattr(bpy.context.scene, "reference_raytracer")
+    addon.register()
+    addon.unregister()
+
+
+def test_no_folder_for_temporary_files_is_no_reason_not_to_register(
+    empty_scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is looked into only to tidy up."""
+    monkeypatch.setattr(job, "sweep", fail)
+    addon.register()
     addon.unregister()
 
 
