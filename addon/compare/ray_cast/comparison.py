@@ -1,12 +1,12 @@
 """This caster against Blender's Scene.ray_cast: the same rays into the same evaluated scene, differences judged.
 
 Where the two disagree, and on a sample of the rays where they agree, `judge` decides in integers which is wrong.
-Scene.ray_cast knows no point clouds, so spheres are left out.
+Scene.ray_cast knows no point clouds and no hair, so they are left out, and what it alone knows is added: emitters of
+particles and others that renders do not show.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,14 +16,18 @@ from numpy.typing import NDArray
 
 from raytracer.arrays.types import Booleans, Floats
 from raytracer.casting.caster import build
+from raytracer.scene.scene import Scene
+from raytracer.scene.shapes import Instances
 
 from ...extract.camera import extract_camera
-from ...extract.scene import Extraction, extract_scene
+from ...extract.scene import extract_scene
 from ...extract.warnings import WarningList
+from ...scripting.placements import Placement, ShapeTable, list_placements
+from ...scripting.selection import Selection
 from ..verdicts import AGREES, DIFFERS
 from .judge import Judge
 from .rays import Aimed, aim_rays
-from .sides import Answers, Sides, cast_blender, cast_ours, key_of, measure_normal_error
+from .sides import Answers, Key, Sides, cast_blender, cast_ours, key_of, measure_normal_error
 
 # Rays on which both sides agree and which are judged all the same.
 JUDGED_AGREEING = 256
@@ -91,28 +95,42 @@ def compare_with_ray_cast(
 ) -> tuple[RayCastComparison, Sides]:
     """Cast the camera's rays (width x height) and `count` rays of each other family of `rays` on both sides, at
     geometry that no material moves: Blender's rays know of no other."""
-    sides, _ = make_sides(scene, depsgraph, geometry_only=True)
+    sides = make_sides(scene, depsgraph)
     camera = extract_camera(depsgraph.scene_eval, WarningList())
     rays = aim_rays(sides.caster.geometry, camera, width, height, count, seed)
     return compare_sides(sides, rays, seed), sides
 
 
-def make_sides(scene: Any, depsgraph: Any, geometry_only: bool = False) -> tuple[Sides, Extraction]:
-    """Return both sides for what a depsgraph shows; geometry_only : as in `extract_scene`."""
-    extraction = extract_scene(depsgraph, geometry_only=geometry_only)
-    assert extraction.scene.instances is not None
-    matrices = extraction.scene.instances.world_from_object
+def make_sides(scene: Any, depsgraph: Any) -> Sides:
+    """Return both sides for what a depsgraph shows."""
+    extraction = extract_scene(depsgraph, geometry_only=True)
+    meshes, instances = extraction.scene.meshes, extraction.scene.instances
+    assert instances is not None
+    matrices = instances.world_from_object
     keys = [key_of(shown.name, matrix) for shown, matrix in zip(extraction.objects, matrices, strict=False)]
+    hidden = list_hidden(depsgraph, set(keys))
+    keys += hidden
     # Instances that look the same to Blender, name and matrix, count as one: the first.
     target_of_key = {key: number for number, key in reversed(list(enumerate(keys)))}
-    sides = Sides(
-        caster=build(dataclasses.replace(extraction.scene, spheres=())),
+    shapes = [placement.shape for placement in hidden.values()]
+    both = Instances(
+        mesh=np.append(instances.mesh, len(meshes) + np.arange(len(hidden))).astype(np.int32),
+        world_from_object=np.array([*matrices, *(placement.world_from_object for placement in hidden.values())]),
+    )
+    return Sides(
+        caster=build(Scene(meshes=[*meshes, *(shape.mesh for shape in shapes)], instances=both)),
         ray_cast=partial(scene.ray_cast, depsgraph),
         target_of_instance=np.array([target_of_key[key] for key in keys], dtype=np.int64),
         target_of_key=target_of_key,
-        polygons=extraction.polygons,
+        polygons=(*extraction.polygons, *(shape.polygons for shape in shapes)),
     )
-    return sides, extraction
+
+
+def list_hidden(depsgraph: Any, shown: set[Key]) -> dict[Key, Placement]:
+    """Return what Scene.ray_cast hits besides what is shown, by its Key."""
+    placements = list_placements(depsgraph, ShapeTable({}), Selection())
+    named = {key_of(found.original.name_full, found.world_from_object): found for found in placements}
+    return {key: found for key, found in named.items() if key not in shown}
 
 
 def compare_sides(sides: Sides, rays: Aimed, seed: int = 0) -> RayCastComparison:

@@ -23,7 +23,7 @@ from .rays import Aimed
 Integers = NDArray[np.int64]
 
 
-# What tells instances apart in Blender's answers: the object's name and the matrix, row by row.
+# What tells instances apart in Blender's answers: the object's name and three rows of the matrix.
 Key = tuple[str, tuple[float, ...]]
 
 
@@ -74,8 +74,8 @@ class Sides:
 
 
 def key_of(name: str, matrix: Any) -> Key:
-    """Return the Key of an object shown with a 4x4 matrix."""
-    return name, tuple(float(value) for row in matrix for value in row)
+    """Return the Key of an object shown with a 4x4 matrix, whose last row is none of its place: Blender ignores it."""
+    return name, tuple(float(value) for row in matrix[:3] for value in row)
 
 
 def cast_ours(sides: Sides, rays: Aimed) -> tuple[Answers, Hits]:

@@ -6,7 +6,7 @@ know, are left out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -73,8 +73,8 @@ class Verdict:
 
 def judge_ray(scene: Any, depsgraph: Any, origin: Any, direction: Any) -> tuple[Verdict, Verdict]:
     """Return the verdicts on this caster and on Scene.ray_cast for the ray o + t d, t >= 0; world space, metres."""
-    sides, extraction = make_sides(scene, depsgraph, geometry_only=True)
-    names = [shown.name for shown in extraction.objects]
+    sides = make_sides(scene, depsgraph)
+    names = sides.list_names()
     judge = Judge(sides.caster.geometry)
     ray = make_ray(origin, direction)
     rounded = make_ray(*(np.float32(vector).astype(np.float64) for vector in (origin, direction)))
@@ -100,7 +100,13 @@ def measure_distance(ray: Aimed, answers: Answers) -> float:
 
 
 def make_verdict(
-    sides: Sides, judge: Judge, names: Sequence[str], ray: Aimed, answers: Answers, distance: float, error: float | None
+    sides: Sides,
+    judge: Judge,
+    names: Mapping[int, str],
+    ray: Aimed,
+    answers: Answers,
+    distance: float,
+    error: float | None,
 ) -> Verdict:
     """Return the verdict on one side."""
     origin, direction = ray.origins[0], ray.directions[0]
@@ -109,14 +115,16 @@ def make_verdict(
     exact_distance = None
     if first:
         targets, polygons = sides.translate(*np.array(first).T)
-        surfaces = frozenset((names[target], int(polygon)) for target, polygon in zip(targets, polygons, strict=True))
+        surfaces = frozenset(
+            (names[int(target)], int(polygon)) for target, polygon in zip(targets, polygons, strict=True)
+        )
         corners = np.stack(world_corners(judge.geometry, *(np.array([part]) for part in first[0])), axis=1)[0]
         exact_distance = find_exact_distance(origin, direction, corners)
     is_hit = answers.target[0] >= 0
     return Verdict(
         origin=origin,
         direction=direction,
-        answer=(names[answers.target[0]], int(answers.polygon[0])) if is_hit else None,
+        answer=(names[int(answers.target[0])], int(answers.polygon[0])) if is_hit else None,
         location=answers.location[0] if is_hit else None,
         distance=distance if is_hit else float("nan"),
         distance_error=error,

@@ -20,6 +20,7 @@ import addon
 from addon.compare import results
 from addon.compare.cycles.rendering import exr_output
 from addon.compare.ray_cast import verdict
+from addon.compare.ray_cast.comparison import compare_with_ray_cast
 from addon.compare.ray_cast.rays import Aimed
 from addon.compare.window import color_bar, describe, heat_map, job, operators, session
 from addon.inspector import session as inspector
@@ -184,6 +185,35 @@ def test_the_process_of_a_comparison_ends_with_its_parent(stage: Any) -> None:
 def test_scene_without_camera_cannot_be_compared(stage: Any) -> None:
     stage.camera = None
     assert not bpy.ops.raytracer.compare_cycles.poll()
+
+
+def hide_from_rays(plane: Any) -> None:
+    for kind in ("camera", "diffuse", "glossy", "transmission", "shadow", "volume_scatter"):
+        setattr(plane, f"visible_{kind}", False)
+
+
+def hide_below_hair(plane: Any) -> None:
+    plane.modifiers.new("Hair", "PARTICLE_SYSTEM").particle_system.settings.type = "HAIR"
+    plane.show_instancer_for_viewport = False
+
+
+def turn_last_row(plane: Any) -> None:
+    plane.parent = bpy.data.objects.new("Parent", None)
+    bpy.context.collection.objects.link(plane.parent)
+    plane.matrix_parent_inverse[3][0] = 0.5
+
+
+@pytest.mark.parametrize("change", [hide_from_rays, hide_below_hair, turn_last_row])
+def test_what_only_scene_ray_cast_hits_is_compared(stage: Any, change: Any) -> None:
+    """It was a KeyError, of the comparison and of Judge Ray."""
+    stage.objects["Plane"].rotation_euler = (0, 0, 0)
+    change(stage.objects["Plane"])
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    comparison, _ = compare_with_ray_cast(stage, depsgraph, WIDTH, HEIGHT, 50)
+    assert not comparison.ours_wrong.any()
+    assert comparison.agreeing.sum() >= 100  # of the camera's rays alone
+    verdicts = verdict.judge_ray(stage, depsgraph, (-3.0, 1.0, 3.0), (0.0, 0.0, -3.0))
+    assert [found.answer for found in verdicts] == [("Plane", 0)] * 2
 
 
 def test_verdict_is_exact_arithmetics(stage: Any) -> None:
