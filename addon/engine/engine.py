@@ -150,13 +150,14 @@ def render_view_layer(engine: Any, depsgraph: Any, view: str = "") -> None:
     """Read, build, trace and write the view layer of `depsgraph`, or one of its stereo views; report warnings, record
     what it took."""
     started = time.perf_counter()
-    scene, view_layer = depsgraph.scene_eval, depsgraph.view_layer_eval
+    scene = depsgraph.scene_eval
     border = read_border(scene.render, engine.resolution_x, engine.resolution_y)
-    with RenderOutput(engine, view_layer.name, border, view) as output:
+    with RenderOutput(engine, depsgraph.view_layer.name, border, view) as output:
         progress = Progress(engine, output, count_pictures(scene))
         progress.show_stage("Reading the scene")
         kept = animation.find_frames(engine, depsgraph)
         extraction = read_scene(depsgraph, kept, find_set_frame(engine, scene), engine.camera_override)
+        view_layer = depsgraph.view_layer_eval  # changes of frames may have copied it anew
         warnings = (*extraction.warnings, *find_ignored_settings(depsgraph, extraction.scene.motion is not None))
         things = name_things(extraction, enabled_passes(view_layer))
         traced = look_from_view(engine, view, scene, give_identities(extraction.scene, things))

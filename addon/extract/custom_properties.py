@@ -71,16 +71,20 @@ def find_first(owners: Iterable[Any], name: str) -> Color:
 class LayerOwners:
     """Who may have a property that is the same for the whole picture, in Blender's order.
 
+    depsgraph : whose they are; None without any
     reads : how often they were asked
     """
 
-    owners: tuple[Any, ...] = ()
+    depsgraph: Any = None
     reads: int = 0
 
     def find(self, name: str) -> Color:
         """Return (4,) the property of the first owner that has it; 0 where none has."""
         self.reads += 1
-        return find_first(self.owners, name)
+        if self.depsgraph is None:
+            return find_first((), name)
+        scene = self.depsgraph.scene_eval  # asked for anew: a change of frames may have copied its view layers
+        return find_first((self.depsgraph.view_layer_eval, scene, scene.world), name)
 
 
 # While a scene is extracted: its view layer, itself and its world; by thread, as it renders.
@@ -90,8 +94,7 @@ _layer: ContextVar[LayerOwners | None] = ContextVar("layer", default=None)
 @contextlib.contextmanager
 def read_layer_of(depsgraph: Any) -> Iterator[None]:
     """Let materials, lights and worlds that are read inside the block find properties of this view layer."""
-    scene = depsgraph.scene_eval
-    token = _layer.set(LayerOwners((depsgraph.view_layer_eval, scene, scene.world)))
+    token = _layer.set(LayerOwners(depsgraph))
     try:
         yield
     finally:

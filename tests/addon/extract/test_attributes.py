@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import pytest
 from numpy.testing import assert_allclose
 
+from addon.extract.custom_properties import find_layer, read_layer_of
 from addon.extract.scene import extract_scene
 from tests.addon.extract.shaders.shader_trees import add
 
@@ -50,3 +52,14 @@ def test_rotations_are_colors_with_alpha(shown: Any, tree: Any) -> None:
     for item in turn.data:
         item.value = (0.5, -0.5, 0.1, 0.7)
     assert_allclose(extract_attribute(tree, "turn"), [(0.5, -0.5, 0.1, 0.7)] * 3, rtol=1e-6)
+
+
+def test_properties_are_those_of_the_view_layer_that_is_there(empty_scene: Any) -> None:
+    """A change of frames may copy it anew: what was freed was read."""
+    first, second = empty_scene.view_layers[0], empty_scene.view_layers.new("Second")
+    first["glow"], second["glow"] = 0.25, 0.5
+    depsgraph = SimpleNamespace(scene_eval=empty_scene, view_layer_eval=first)
+    with read_layer_of(depsgraph):
+        assert find_layer().find("glow")[0] == 0.25
+        depsgraph.view_layer_eval = second
+        assert find_layer().find("glow")[0] == 0.5
