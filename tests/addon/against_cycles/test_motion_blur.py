@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from addon.compare.cycles import metrics
-from addon.compare.cycles.rendering import Request, render_both
+from addon.compare.cycles.rendering import Request, matched_settings, render_batches, render_both
+from addon.properties import ENGINE
 from blend_scenes import building
 
 pytestmark = pytest.mark.usefixtures("registered_addon")
@@ -183,17 +184,15 @@ SLOW = {
 CASES = QUICK | SLOW
 
 
-def render_pair(scene, name):
-    CASES[name](scene, scene.objects.get("Plane") or bpy.data.objects["Plane"])
-    scene.frame_set(FRAME)
-    request = Request(*(*SIZE, SAMPLES, 4, BATCHES), cycles_factor=CYCLES_FACTOR, integrator="PATH")
-    return tuple(side.passes["Combined"] for side in render_both(scene, bpy.context.view_layer, request))
+REQUEST = Request(*(*SIZE, SAMPLES, 4, BATCHES), cycles_factor=CYCLES_FACTOR, integrator="PATH")
 
 
 @pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_motion_agrees(name):
-    scene, _ = make_stage()
-    ours, cycles = render_pair(scene, name)
+    scene, thing = make_stage()
+    CASES[name](scene, thing)
+    scene.frame_set(FRAME)
+    ours, cycles = (side.passes["Combined"] for side in render_both(scene, bpy.context.view_layer, REQUEST))
     summed = SAMPLES * CYCLES_FACTOR
     assert metrics.share_failing_pixels(ours, cycles, summed) <= MITSUBA_BAR
     assert metrics.share_failing_tiles(ours, cycles, summed, size=8) == 0.0
@@ -201,9 +200,13 @@ def test_motion_agrees(name):
 
 def test_the_test_would_see_a_picture_without_the_blur():
     scene, thing = make_stage()
-    blurred, _ = render_pair(scene, "a move")
-    thing.cycles.use_motion_blur = False
-    still, _ = render_pair(scene, "a move")
+    move(scene, thing)
+    scene.frame_set(FRAME)
+    pictures = []
+    for thing.cycles.use_motion_blur in (True, False):
+        with matched_settings(scene, bpy.context.view_layer, REQUEST):
+            pictures.append(render_batches(scene, bpy.context.view_layer, ENGINE, REQUEST).passes["Combined"])
+    blurred, still = pictures
     assert metrics.share_failing_pixels(blurred, still, SAMPLES) > 10 * MITSUBA_BAR
 
 
