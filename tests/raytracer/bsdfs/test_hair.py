@@ -1,5 +1,6 @@
 """Lobes of hair: white furnaces, densities against what is sampled, closed forms of their parts."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from raytracer.bsdfs.hair_cauchy import CauchyHair
 from raytracer.bsdfs.hair_chiang import ChiangHair, find_angles, find_scale, find_variance
 from raytracer.integrator.passes.denoising import sum_normals
 from raytracer.lecture import dot
-from tests.raytracer.bsdfs.test_bsdf import sphere_quadrature
+from tests.raytracer.bsdfs.test_bsdf import freeze, sphere_quadrature
 
 TILT = np.radians(2.0)
 
@@ -69,15 +70,22 @@ def view(theta, count):
     return repeat((np.sin(theta), 0.0, np.cos(theta)), count)
 
 
-def around_strand(count=600, angles=480):
-    """Directions and weights of a quadrature whose poles lie along x: even in sin theta, and around the strand."""
+@functools.cache
+def around_strand(count=300, angles=240):
+    """Directions and weights of a quadrature whose poles lie along x: even in sin theta, and around the strand.
+
+    Smooth lobes are right to 1e-6; those that are cut, or counted in cells, take `FINE`.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(count)
     angle = (np.arange(angles) + 0.5) / angles * 2 * np.pi
     cosine = np.sqrt(1 - nodes**2)
     directions = np.stack(
         [np.repeat(nodes, angles), np.outer(cosine, np.cos(angle)).ravel(), np.outer(cosine, np.sin(angle)).ravel()], 1
     )
-    return directions, np.repeat(weights, angles) * 2 * np.pi / angles
+    return freeze(directions, np.repeat(weights, angles) * 2 * np.pi / angles)
+
+
+FINE = (600, 480)
 
 
 def integrate(make, theta, quadrature):
@@ -87,15 +95,12 @@ def integrate(make, theta, quadrature):
     return (value * weights[:, None]).sum(axis=0), (density * weights).sum()
 
 
-QUADRATURE = around_strand()
-
-
 @pytest.mark.parametrize("theta", [0.0, 0.7, -1.3])
 @pytest.mark.parametrize(("roughness", "radial"), [(0.3, 0.3), (0.15, 0.2), (0.9, 1.0)])
 @pytest.mark.parametrize(("across", "ior"), [(0.0, 1.55), (0.6, 1.55), (-0.98, 1.2)])
 def test_hair_that_absorbs_nothing_sends_on_all_light(theta, roughness, radial, across, ior):
     total, density = integrate(
-        lambda count: make_chiang(count, across, 0.0, roughness, radial, ior=ior), theta, QUADRATURE
+        lambda count: make_chiang(count, across, 0.0, roughness, radial, ior=ior), theta, around_strand()
     )
     np.testing.assert_allclose(total, 1.0, atol=2e-5)
     assert density == pytest.approx(1.0, abs=2e-5)
@@ -104,7 +109,7 @@ def test_hair_that_absorbs_nothing_sends_on_all_light(theta, roughness, radial, 
 @pytest.mark.parametrize("theta", [0.0, 0.7, -1.3, 1.56])
 def test_tilted_scales_lose_nothing(theta):
     """Beyond the strand's own direction the cone is folded back."""
-    total, density = integrate(lambda count: make_chiang(count, tilt=4 * TILT, coat=0.3), theta, QUADRATURE)
+    total, density = integrate(lambda count: make_chiang(count, tilt=4 * TILT, coat=0.3), theta, around_strand())
     np.testing.assert_allclose(total, 1.0, atol=2e-5)
     assert density == pytest.approx(1.0, abs=2e-5)
 
@@ -114,7 +119,7 @@ def test_absorption_dims_each_color_as_its_way_through_the_strand_says():
     absorption, f = np.array([0.1, 1.0, 5.0]), ((1.55 - 1) / (1.55 + 1)) ** 2
     passed = np.exp(-2.0 * absorption)
     expected = f + (1 - f) ** 2 * passed / (1 - f * passed)
-    total, _ = integrate(lambda count: make_chiang(count, 0.0, absorption), 0.0, QUADRATURE)
+    total, _ = integrate(lambda count: make_chiang(count, 0.0, absorption), 0.0, around_strand())
     np.testing.assert_allclose(total, expected, rtol=2e-5)
 
 
@@ -146,7 +151,7 @@ def test_what_is_sampled_has_its_density(name, theta):
     sample = sample_bsdf(shading, probabilities, rng.random(count), rng.random((count, 2)))
     assert np.abs(np.linalg.norm(sample.direction, axis=1) - 1).max() < 1e-12
 
-    directions, weights = QUADRATURE
+    directions, weights = around_strand(*FINE)
     value, density = SAMPLED[name](len(directions)).evaluate(view(theta, len(directions)), directions)
 
     def cells(found):
@@ -221,13 +226,13 @@ def test_turning_all_turns_the_light():
 def test_cauchy_lobes_send_on_all_light_but_what_is_cut(passes, around, expected):
     """Reflection within a right angle around a strand that its normal looks over: all where around <= 1/2, else
     sin(pi / (4 around)); transmission all."""
-    total, _ = integrate(lambda count: make_cauchy(count, passes, 0.3, around), 0.0, QUADRATURE)
+    total, _ = integrate(lambda count: make_cauchy(count, passes, 0.3, around), 0.0, around_strand(*FINE))
     # Within a milliradian of the strand nothing is sent.
     assert total[0] == pytest.approx(expected, abs=2e-3)
 
 
 def test_cauchy_lobes_stay_on_their_side():
-    incoming, _ = QUADRATURE
+    incoming, _ = around_strand()
     for passes in (False, True):
         value, density = make_cauchy(len(incoming), passes).evaluate(view(0.3, len(incoming)), incoming)
         wrong = (incoming[:, 2] < 0) != passes
@@ -238,7 +243,8 @@ def test_cauchy_lobes_stay_on_their_side():
 
 def test_mixed_with_others_the_density_is_the_mixture():
     count = 500
-    outgoing, incoming = view(0.3, count), QUADRATURE[0][:: len(QUADRATURE[0]) // count][:count]
+    directions, _ = around_strand()
+    outgoing, incoming = view(0.3, count), directions[:: len(directions) // count][:count]
     first, second = make_chiang(count, absorption=0.3), make_cauchy(count, False)
     shading = replace(shade(first, outgoing), lobes=(first, second))
     probabilities = lobe_probabilities(shading)
@@ -304,7 +310,7 @@ def test_angles_are_those_of_the_view():
 
 
 def test_sphere_quadratures_agree():
-    total, density = integrate(lambda count: make_chiang(count, 0.4, 0.2, 0.5, 0.5), 0.4, QUADRATURE)
+    total, density = integrate(lambda count: make_chiang(count, 0.4, 0.2, 0.5, 0.5), 0.4, around_strand())
     other, _ = integrate(lambda count: make_chiang(count, 0.4, 0.2, 0.5, 0.5), 0.4, sphere_quadrature())
     np.testing.assert_allclose(total, other, rtol=1e-5)
     assert density == pytest.approx(1.0, abs=1e-6)
