@@ -35,7 +35,7 @@ FLOORS = {
         ),
     ),
     "addon": (
-        *("interrupts", "versions", "passes", "properties", "editors", "handlers"),
+        *("interrupts", "versions", "together", "passes", "properties", "editors", "handlers"),
         *("own_blender", "voxels", "extract", "scripting"),
         *(
             "scanning",

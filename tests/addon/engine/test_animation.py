@@ -137,6 +137,7 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
     preview = SimpleNamespace(
         is_preview=True,
         is_animation=False,
+        camera_override=None,
         resolution_x=32,
         resolution_y=32,
         layers_done=0,
