@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import math
-import signal
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -92,6 +91,7 @@ def keep_film(path: Path | None, arguments: argparse.Namespace) -> Iterator[None
     if path is None:
         yield
         return
+    from raytracer.commands.render import list_notices
     from raytracer.rendering.checkpoints import EVERY_SECONDS, describe_fault
 
     from ..engine.orders import KeepFilm, give
@@ -103,7 +103,10 @@ def keep_film(path: Path | None, arguments: argparse.Namespace) -> Iterator[None
         print(f"warning: {describe_fault(error)}", file=told)
 
     order = KeepFilm(path, arguments.tile, arguments.until, every, warn)
-    with interrupts.listen_for(signal.SIGTERM), give(order):
+    with contextlib.ExitStack() as stack:
+        for number in list_notices():
+            stack.enter_context(interrupts.listen_for(number))
+        stack.enter_context(give(order))
         yield
 
 

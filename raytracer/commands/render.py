@@ -1,7 +1,7 @@
 """Render a scene file, or a tile of it, into a film or a picture; go on where the last render stopped.
 
-The film's file is written every so often, and once more when the render ends or is told to (Ctrl-C, SIGTERM): the same
-command again goes on from there.
+The film's file is written every so often, and once more when the render ends or is told to (Ctrl-C, SIGTERM, on Windows
+Ctrl-Break): the same command again goes on from there.
 """
 
 from __future__ import annotations
@@ -120,12 +120,17 @@ def describe_progress(film: Film) -> str:
     return f"{film.samples} of {film.total} samples"
 
 
+def list_notices() -> list[signal.Signals]:
+    """Return the signals by which others tell a process to end: on Windows, farms send Ctrl-Break."""
+    return [getattr(signal, name) for name in ("SIGTERM", "SIGBREAK") if hasattr(signal, name)]
+
+
 @contextlib.contextmanager
 def listen() -> Iterator[Callable[[], bool]]:
-    """Yield what tells whether the process has been told to end by Ctrl-C or SIGTERM; a second time ends it at once."""
+    """Yield what tells whether the process has been told to end; a second time ends it at once."""
     stopped = threading.Event()
     # None stands for a handler in C, which no Python can bring back.
-    before = {number: signal.getsignal(number) or signal.SIG_DFL for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) or signal.SIG_DFL for number in (signal.SIGINT, *list_notices())}
 
     def stop(number: int, frame: FrameType | None) -> None:
         stopped.set()

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import raytracer
+from addon import interrupts
 from addon.commands import merge
 from addon.commands.arguments import parse_tile
 from addon.commands.command_line import CommandError, hide_python_output
@@ -209,6 +210,16 @@ def test_a_write_that_fails_meanwhile_is_told_through_what_the_render_hides(tmp_
     with keep_film(path, argparse.Namespace(every=None, tile=None, until=None)), hide_python_output():
         find_order().on_fault(OSError(errno.ENOSPC, "No space left on device", str(path)))
     assert capsys.readouterr().err == f"warning: {path}: not written, which is tried again: No space left on device\n"
+
+
+def test_the_notice_of_farms_on_windows_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-Break ended the process at once."""
+    number = getattr(signal, "SIGBREAK", None) or signal.SIGUSR1
+    monkeypatch.setattr(signal, "SIGBREAK", number, raising=False)
+    kept = keep_film(tmp_path / "film.npz", argparse.Namespace(every=None, tile=None, until=None))
+    with kept, pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(number)
+    monkeypatch.setattr(interrupts._State, "is_noted", False)
 
 
 def test_films_without_a_picture_make_none(tmp_path: Path) -> None:

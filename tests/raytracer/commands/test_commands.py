@@ -230,6 +230,22 @@ def test_a_render_that_is_told_to_end_keeps_what_it_has(tmp_path: Path, scene_fi
     assert again.statistics.rays > rays
 
 
+@pytest.fixture
+def notice(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Return the number of Ctrl-Break, or of a signal in its place."""
+    number = getattr(signal, "SIGBREAK", None) or signal.SIGUSR1
+    monkeypatch.setattr(signal, "SIGBREAK", number, raising=False)
+    return int(number)
+
+
+def test_the_notice_of_farms_on_windows_is_heard(notice: int) -> None:
+    """Ctrl-Break ended the process at once."""
+    with render_command.listen() as is_stopped:
+        assert not is_stopped()
+        signal.raise_signal(notice)
+        assert is_stopped()
+
+
 @pytest.mark.slow
 def test_killed_twenty_times_and_resumed_it_is_the_whole(tmp_path: Path, scene_file: Path) -> None:
     output, samples, rng = tmp_path / "film.npz", 20000, np.random.default_rng(2)
