@@ -26,7 +26,7 @@ from raytracer.files.replacing import replace_file
 ZIP = 3  # the number of the compression
 FLOAT = 2  # the number of the pixel type
 VERSION, LONG_NAMES = 2, 0x400
-LONGEST_SHORT_NAME = 31
+LONGEST_SHORT_NAME = 31  # bytes
 
 
 class Plane(Protocol):
@@ -61,7 +61,7 @@ def write_exr(path: str | Path, channels: Mapping[str, Plane]) -> None:
 
 def pack_header(names: list[str], width: int, height: int) -> bytes:
     """Return what a file begins with, up to the table of offsets."""
-    flags = LONG_NAMES if max(map(len, names)) > LONGEST_SHORT_NAME else 0
+    flags = LONG_NAMES if max(len(name.encode()) for name in names) > LONGEST_SHORT_NAME else 0
     window = struct.pack("<iiii", 0, 0, width - 1, height - 1)
     listed = b"".join(name.encode() + b"\0" + struct.pack("<iBxxxii", FLOAT, 0, 1, 1) for name in names) + b"\0"
     attributes = (

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raytracer.files.exr import compress, write_exr
+from raytracer.files.exr import LONG_NAMES, compress, pack_header, write_exr
 from raytracer.files.pictures import measure_picture, read_name
 
 
@@ -74,6 +74,15 @@ def test_channels_come_back_as_they_were(tmp_path: Path, width: int, height: int
     assert list(again) == ["A", "Normal.X", "R"]
     for name, plane in (("R", planes[0]), ("Normal.X", planes[1]), ("A", planes[2])):
         assert again[name].tobytes() == plane.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "is_long"), [("a" * 31, False), ("a" * 32, True), ("я" * 15, False), ("я" * 16, True)]
+)
+def test_names_are_long_by_their_bytes(name: str, is_long: bool) -> None:
+    """Letters were counted: OpenEXR refuses a file with long names that does not say so."""
+    flags = int.from_bytes(pack_header([name], 1, 1)[4:8], "little")
+    assert bool(flags & LONG_NAMES) == is_long
 
 
 def test_smooth_pictures_become_smaller_and_noise_no_larger() -> None:
