@@ -245,14 +245,17 @@ class _Worker:
     """
 
     def __init__(self) -> None:
-        self._door = Door()
         try:
-            self.child = Child(__name__, str(self._door.number), **self._door.options)
+            self._door = Door()
+            try:
+                self.child = Child(__name__, str(self._door.number), **self._door.options)
+            except OSError:
+                self._door.close()
+                raise
+            finally:
+                self._door.shut()
         except OSError as error:  # too many processes, or files, for the system
-            self._door.close()
             raise WorkerError(f"a worker process cannot be started: {error.strerror}") from error
-        finally:
-            self._door.shut()
         self.is_asked = False
         self.loss = ""
 

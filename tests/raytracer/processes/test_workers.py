@@ -5,6 +5,7 @@ import importlib
 import itertools
 import os
 import signal
+import socket
 import subprocess
 import sys
 import textwrap
@@ -227,6 +228,29 @@ def test_workers_that_cannot_be_started_are_an_error_in_words_and_leave_none_beh
     with pytest.raises(WorkerError, match=r"^a worker process cannot be started: Resource temporarily unavailable$"):
         Workers(3)
     assert [process.poll() is None for process in started] == [False, False]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows shares memory by name")
+def test_a_worker_without_room_for_its_socket_is_an_error_in_words(functions, monkeypatch):
+    """It was an OSError, which renders do not keep their film at, and the other processes went on."""
+    made, make, started, start = itertools.count(), socket.socketpair, [], child.start_process
+
+    def refuse():
+        if next(made) == 2:
+            raise OSError(errno.EMFILE, "Too many open files")
+        return make()
+
+    def note(*arguments, **options):
+        started.append(start(*arguments, **options))
+        return started[-1]
+
+    monkeypatch.setattr(child, "start_process", note)
+    monkeypatch.setattr(socket, "socketpair", refuse)
+    handles = count_handles()
+    with pytest.raises(WorkerError, match=r"^a worker process cannot be started: Too many open files$"):
+        Workers(3)
+    assert [process.poll() is None for process in started] == [False, False]
+    assert count_handles() == handles
 
 
 def test_a_pool_whose_lost_worker_cannot_be_replaced_does_not_hang_the_next_time(functions, monkeypatch):
