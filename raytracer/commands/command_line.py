@@ -57,6 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def is_output_lost() -> bool:
     """Return whether standard output takes no more (a full disk, a pipe whose reader has gone); it leads nowhere then,
     so that Python does not fail once more on what waits in its buffer when it ends."""
+    if sys.stdout is None:  # it was closed before this process began
+        return False
     try:
         sys.stdout.flush()
     except OSError:
@@ -67,6 +69,7 @@ def is_output_lost() -> bool:
 
 
 def print_error(reason: str) -> int:
-    """Print one line; return the exit code."""
-    print(f"error: {' '.join(reason.split())}", file=sys.stderr)
+    """Print one line, where there is a place for it; return the exit code."""
+    if sys.stderr is not None:  # or it would come out among the results
+        print(f"error: {' '.join(reason.split())}", file=sys.stderr)
     return 1

@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> None:
     if is_picture:
         save_picture(film, output)
         if film.samples >= film.total or film.ended_by in LIMITS:  # nothing is left to go on for
-            path.unlink()
+            path.unlink(missing_ok=True)  # the same command, started twice, may have come first
     print(output, flush=True)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import raytracer
+from raytracer.commands import info
 from raytracer.commands import render as render_command
 from raytracer.commands.command_line import main
 from raytracer.files.unfinished import PREFIX
@@ -187,6 +188,34 @@ def test_what_finds_no_room_on_standard_output_says_where(tmp_path: Path, scene_
         )  # fmt: skip
     assert raytracer.load_film(output).samples == 1
     assert (done.returncode, done.stderr) == (1, "error: standard output: No space left on device\n")
+
+
+@pytest.mark.parametrize("closed", ["stdout", "stderr"])
+def test_an_error_needs_neither_of_the_standard_outputs(monkeypatch, capsys, closed: str) -> None:
+    """Without one it was an error of Python's, without the other it came out among the results."""
+
+    def fail(arguments: argparse.Namespace) -> None:
+        raise OSError("the disk is gone")
+
+    monkeypatch.setattr(info, "run", fail)
+    monkeypatch.setattr(sys, closed, None)
+    assert main(["info", "film.npz"]) == 1
+    assert capsys.readouterr() == ("", "" if closed == "stderr" else "error: the disk is gone\n")
+
+
+def test_a_picture_whose_film_another_process_has_removed_is_there(tmp_path, scene_file, capsys, monkeypatch) -> None:
+    """It was an error, No such file, after all was done."""
+    output = tmp_path / "picture.exr"
+
+    save = render_command.save_picture
+
+    def save_picture(film: raytracer.Film, path: Path) -> None:
+        save(film, path)
+        render_command.name_film(path).unlink()
+
+    monkeypatch.setattr(render_command, "save_picture", save_picture)
+    assert main(["render", str(scene_file), "-o", str(output), *SIZE, "--samples", "1"]) == 0
+    assert capsys.readouterr().out == f"{output}\n"
 
 
 def test_a_film_of_other_settings_is_refused_by_name(tmp_path: Path, scene_file: Path, capsys) -> None:
