@@ -85,7 +85,7 @@ class Door:
         self.number = -1
         self.options: dict[str, Any] = {}
         if sys.platform != "win32":
-            self._ours, self._theirs = socket.socketpair()
+            self._ours, self._theirs = map(_lift, socket.socketpair())
             self.number = self._theirs.fileno()
             self.options = {"pass_fds": (self.number,)}
 
@@ -104,6 +104,17 @@ class Door:
         """Close our side."""
         if sys.platform != "win32":
             self._ours.close()
+
+
+def _lift(way: socket.socket) -> socket.socket:
+    """Return a socket that has none of the numbers of the standard files, which are free where those are closed: in the
+    child they are taken."""
+    if sys.platform == "win32" or way.fileno() > 2:
+        return way
+    import fcntl
+
+    with way:
+        return socket.socket(fileno=fcntl.fcntl(way.fileno(), fcntl.F_DUPFD_CLOEXEC, 3))
 
 
 def open_shared(ticket: Ticket, door: int) -> list[memoryview]:

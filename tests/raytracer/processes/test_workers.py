@@ -485,6 +485,31 @@ def test_script_without_main_guard_is_not_run_again(functions, tmp_path):
     assert done.stderr == ""
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows shares memory by name")
+def test_workers_serve_a_process_whose_standard_files_are_closed(functions, tmp_path):
+    """A daemon's: what memory comes through got the number of the child's standard output."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent("""
+            import os, sys
+            import numpy as np
+            import worker_functions
+            from raytracer.processes.workers import Workers
+            for number in range(3):
+                os.close(number)
+            with Workers(1) as workers:
+                workers.load(worker_functions.Scale, np.arange(1000.0))
+                result = list(workers.run([3]))
+            with open(sys.argv[1], "w") as file:
+                file.write(str(result))
+        """),
+        encoding="utf-8",
+    )
+    paths = os.pathsep.join([str(ROOT), str(tmp_path)])
+    subprocess.run([sys.executable, script, tmp_path / "result"], env=os.environ | {"PYTHONPATH": paths}, check=False)
+    assert (tmp_path / "result").read_text(encoding="utf-8") == "[3.0]"
+
+
 def test_workers_end_at_once_when_their_parent_is_killed(functions, tmp_path):
     script = tmp_path / "parent.py"
     script.write_text(
