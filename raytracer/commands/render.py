@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--passes", type=parse_names, metavar="A,B", help="passes, such as Combined,Depth,Normal")
     parser.add_argument("--workers", type=parse_positive, metavar="N", help="processes; default: 1")
     parser.add_argument(
-        *("--every",),
+        "--every",
         type=parse_seconds,
         default=EVERY_SECONDS,
         metavar="SECONDS",

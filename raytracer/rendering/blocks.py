@@ -170,8 +170,8 @@ def trace_blocks(
     tracer_arguments: tuple[Scene, Caster, FrameWindow, Settings],
     phases: Iterable[Iterable[Block | ListedBlock]],
     is_cancelled: Callable[[], bool],
-    on_stage: Callable[[str], None] = _say_nothing,
-    make_tracer: type | None = None,
+    on_stage: Callable[[str], None],
+    make_tracer: type | None,
 ) -> Iterator[BlockResult]:
     """Yield the results of the blocks of one phase after the other, in order, until `is_cancelled()`.
 
