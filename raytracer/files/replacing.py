@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from raytracer.files.unfinished import PREFIX, NewFile, replace_in_use, sweep_unfinished
+from raytracer.files.unfinished import PREFIX, NewFile, move_in_use, sweep_unfinished
 
 
 @contextlib.contextmanager
@@ -65,8 +65,8 @@ def check_replaceable(path: str | Path) -> None:
     target = find_target(path)
     with name_in_errors(path):
         NewFile(target).remove()
-        if sys.platform == "win32" and target.exists():  # one that is open cannot be replaced
-            replace_in_use(target, target)
+        if sys.platform == "win32" and target.exists():  # one that is open cannot be replaced, nor renamed
+            move_in_use(os.rename, target, target)
 
 
 def find_target(path: str | Path) -> Path:

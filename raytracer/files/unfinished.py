@@ -16,6 +16,7 @@ import secrets
 import socket
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO
 
@@ -50,7 +51,7 @@ class NewFile:
         """Let the file take the place of `target`."""
         if sys.platform == "win32":
             self._owner.close()
-        replace_in_use(self.path, target)
+        move_in_use(os.replace, self.path, target)
         self._owner.close()
 
     def keep(self, target: Path) -> Path:
@@ -70,16 +71,18 @@ class NewFile:
             self.path.unlink(missing_ok=True)
 
 
-def replace_in_use(path: Path, target: Path) -> None:
-    """Move a file as os.replace does; on Windows, where it cannot take the place of an open one, as soon as it can."""
+def move_in_use(move: Callable[[Path, Path], object], path: Path, target: Path) -> None:
+    """Move a file, by os.replace or os.rename; on Windows, where neither file may be open, as soon as it can be."""
     until = time.monotonic() + IN_USE_SECONDS
     while True:
         try:
-            return os.replace(path, target)
+            move(path, target)
         except PermissionError:
             if sys.platform != "win32" or time.monotonic() > until:
                 raise
-        time.sleep(0.05)
+            time.sleep(0.05)
+        else:
+            return
 
 
 def sweep_unfinished(folder: Path) -> None:

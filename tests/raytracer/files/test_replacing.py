@@ -8,12 +8,14 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import raytracer
+from raytracer.files import replacing, unfinished
 from raytracer.files.replacing import check_replaceable, replace_file, write_bytes, write_text
 from tests.folders import ROOT
 
@@ -73,6 +75,26 @@ def test_errors_of_the_disk_name_the_target_others_keep_their_file(target: Path)
     with pytest.raises(OSError, match=r"target\.bin") as caught, replace_file(target) as new:
         new.unlink()  # which Windows refuses
     assert caught.value.filename == str(target)
+
+
+def test_a_file_that_somebody_has_open_on_windows_is_told_before_anything_is_written(
+    target: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was after hours, when the picture was to take its place."""
+
+    def refuse(path: Path, other: Path) -> None:
+        raise PermissionError(errno.EACCES, "Access is denied", str(path))
+
+    monkeypatch.setattr(os, "rename", refuse)
+    check_replaceable(target)  # elsewhere it can be replaced
+    for module in (replacing, unfinished):
+        monkeypatch.setattr(module, "sys", SimpleNamespace(platform="win32"))
+    monkeypatch.setattr(unfinished, "IN_USE_SECONDS", 0.1)
+    with pytest.raises(PermissionError) as caught:
+        check_replaceable(target)
+    assert caught.value.filename == str(target)
+    check_replaceable(target.with_name("new.bin"))
+    assert list_names(target.parent) == ["target.bin"]
 
 
 def test_a_missing_folder_a_folder_and_a_device_are_named(tmp_path: Path) -> None:
