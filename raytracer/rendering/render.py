@@ -123,10 +123,6 @@ def render(
         if chosen.workers > 1 and pool is None:
             tell(f"Starting {chosen.workers} workers")
             pool = stack.enter_context(Workers(chosen.workers))
-        stands_still = scene.motion is None or not moves_geometry(scene.motion)
-        if pool is not None or (chosen.seconds is not None and stands_still):
-            # Its tree is built here: each worker would build one of its own, and it is no part of the time of tracing.
-            caster.closest_hit(*RAY)
         make_tracer = None if scene.motion is None else MovingTracer
         arguments = (scene, caster, window, chosen if film.pilot else replace(chosen, adaptive=False))
         phases = plan.phases()
@@ -136,12 +132,25 @@ def render(
         ending = Ending(chosen, limit_sweeps(chosen, until), time.perf_counter(), film.samples)
         is_done = film.samples >= ending.sweeps
         film.ended_by, film.cancelled = "", False
-        ended_by = ending.find_first(film) or accumulate(film, plan, results, ending, on_sweep, on_progress)
+        ended_by = ending.find_first(film)
+        if ended_by is None:
+            stands_still = scene.motion is None or not moves_geometry(scene.motion)
+            if pool is not None or (chosen.seconds is not None and stands_still):
+                build_tree(caster, film)
+            ended_by = accumulate(film, plan, results, ending, on_sweep, on_progress)
         film.ended_by = ended_by or ("samples" if is_done else "cancelled")
     film.cancelled = film.ended_by == "cancelled"
     if film.width * film.height >= LARGE_PICTURE:
         release_freed_memory()  # there is to be room for the picture beside its film
     return film
+
+
+def build_tree(caster: Caster, film: Film) -> None:
+    """Build the tree of a caster before anything is traced: it is no part of the time of that, and each worker would
+    build one of its own."""
+    started = time.perf_counter()
+    caster.closest_hit(*RAY)
+    film.statistics.build_seconds += time.perf_counter() - started
 
 
 def prepare_film(

@@ -146,6 +146,7 @@ def test_a_time_limit_is_one_of_tracing(monkeypatch, workers):
     film = render(SCENE, 12, 8, 10**6, seconds=seconds, workers=workers)
     assert film.ended_by == "time"
     assert film.samples > 4
+    assert film.statistics.build_seconds >= seconds
 
 
 def test_sweeps_that_were_traced_together_are_kept_when_the_time_is_over():
