@@ -31,6 +31,10 @@ START_SECONDS = 180.0
 OUT_OF_MEMORY = 3
 
 
+class WorkerError(RuntimeError):
+    """A worker process ended, or its function failed."""
+
+
 class Child:
     """The parent's end of a process that runs the function `serve` of `module`."""
 
@@ -178,4 +182,4 @@ def describe_error(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "not enough memory"
     text = " ".join(str(error).split())
-    return text if isinstance(error, ValueError) else f"internal error, {type(error).__name__}: {text}"
+    return text if isinstance(error, ValueError | WorkerError) else f"internal error, {type(error).__name__}: {text}"

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from raytracer.processes.channel import ChannelClosedError, unpack
-from raytracer.processes.child import Child, Pulse, open_channel, read_inbox
+from raytracer.processes.child import Child, Pulse, WorkerError, open_channel, read_inbox
 from raytracer.processes.dropping import dropped_when
 from raytracer.processes.shared_memory import Door, SharedMemory, Ticket, open_shared
 
@@ -28,10 +28,6 @@ POLL_SECONDS = 0.02
 ATTEMPTS = 2
 # A request without an answer: the one before it is not needed any more. Nothing else is said to a worker at work.
 DROP = ("drop", None)
-
-
-class WorkerError(RuntimeError):
-    """A worker process ended, or its function failed."""
 
 
 class LostWorkerError(WorkerError):

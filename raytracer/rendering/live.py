@@ -65,7 +65,8 @@ class Report:
 
 
 class Live:
-    """The parent's end. Close it; once closed, everything else does nothing."""
+    """The parent's end. Close it; once closed, everything else does nothing. Where no process can be started it is
+    closed from the beginning, and its report says why."""
 
     def __init__(self) -> None:
         self._sender = Sender()
@@ -76,7 +77,13 @@ class Live:
         self._shown: Report | None = None
         self._closing = threading.Event()
         self._outbox: queue.SimpleQueue[Parcel | Job | Rest | None] = queue.SimpleQueue()
-        self._child = Child(__name__)
+        try:
+            self._child = Child(__name__)
+        except OSError as error:  # too many processes, or files, for the system
+            reason = f"the render process cannot be started: {error.strerror}"
+            self._end = Report(self._job, is_finished=True, error=reason)
+            self._closing.set()
+            return
         lives = (self._write, self._listen, self._watch)
         self._threads = [threading.Thread(target=live, name="raytracer-live", daemon=True) for live in lives]
         for thread in self._threads:

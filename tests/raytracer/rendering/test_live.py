@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -24,6 +25,7 @@ from raytracer.processes.channel import Channel, ChannelClosedError
 from raytracer.processes.child import describe_error
 from raytracer.processes.late_pool import LatePool
 from raytracer.processes.transfer import Sender
+from raytracer.processes.workers import WorkerError
 from raytracer.rendering import progressive
 from raytracer.rendering.live import Job, Live, Painter, Report, warm_up
 from raytracer.rendering.progressive import Picture, Target, refine
@@ -139,6 +141,7 @@ def test_after_warming_up_a_principled_surface_waits_for_no_table() -> None:
 
 def test_errors_are_sentences() -> None:
     assert describe_error(ValueError("Scene:\n no  camera")) == "Scene: no camera"
+    assert describe_error(WorkerError("a worker process ended")) == "a worker process ended"
     assert describe_error(MemoryError()) == "not enough memory"
     assert describe_error(KeyError("x")) == "internal error, KeyError: 'x'"
 
@@ -163,6 +166,25 @@ def test_the_end_of_a_process_that_did_not_start_is_said_of_all_that_is_asked_fo
         assert live.report is not None
         assert "ended unexpectedly" in live.report.error
         assert not live.is_drawing  # others need not share the workers with it
+
+
+def test_a_process_that_cannot_be_started_is_said_like_one_that_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was an error at each redraw of a viewport, and nothing on the screen."""
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(child, "start_process", refuse)
+    live = Live()
+    assert not live.is_running
+    assert live.has_news
+    live.set_scene(make_scene())
+    live.draw(TARGET, "certified")
+    assert live.read_picture() is None
+    assert not live.is_drawing
+    assert live.report is not None
+    assert live.report.error == "the render process cannot be started: Resource temporarily unavailable"
+    live.close()
 
 
 def test_the_end_of_the_process_is_noticed_though_its_pipe_stays_open(monkeypatch: pytest.MonkeyPatch) -> None:
