@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -67,7 +66,8 @@ def is_done(path: Path, film: Path | None, until: int | None, scene: Any) -> boo
     try:
         if film is not None and (is_film(path) or film.exists()):
             kept = load_film(film)
-            if kept.samples < (until or math.inf) and not is_finished(kept, scene.reference_raytracer):
+            is_enough = until is not None and kept.samples >= until
+            if not (is_enough or is_finished(kept, scene.reference_raytracer)):
                 return False
         if not is_film(path):
             check_picture(path, *measure_picture(scene.render))
