@@ -10,6 +10,7 @@ import hashlib
 import os
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,9 @@ import bpy
 from bpy.app.handlers import persistent
 
 from raytracer.files.replacing import check_replaceable
+from raytracer.film.film import Film
+from raytracer.film.film_file import load_film
+from raytracer.film.picture_key import describe_difference
 
 from .. import handlers
 from ..properties import ENGINE
@@ -61,7 +65,7 @@ def list_files(scene: Any) -> list[Path]:
     """Return the files of the current frame that are there."""
     layers = [layer.name for layer in scene.view_layers if layer.use]
     paths = (find_path(scene, name, view) for name in layers for view in list_views(scene))
-    return [path for path in paths if path.is_file()]
+    return [file for path in paths for file in (path, find_aside(path)) if file.is_file()]
 
 
 def can_resume(scene: Any) -> bool:
@@ -84,14 +88,43 @@ def make_order(engine: Any, scene: Any, view_layer: str, view: str = "") -> Keep
     path = find_path(scene, view_layer, view)
     path.parent.mkdir(parents=True, exist_ok=True)
     check_replaceable(path)
-    if not _Session.is_resuming:
-        path.unlink(missing_ok=True)
+    aside = find_aside(path)
+    if not _Session.is_resuming and path.exists():
+        path.replace(aside)
+    elif _Session.is_resuming and aside.exists() and not path.exists():  # the render that set it aside wrote nothing
+        aside.replace(path)
 
     def warn(error: OSError) -> None:
         engine.report({"WARNING"}, f"Checkpoint not saved: {path}: {error.strerror}")
 
     every = float(scene.reference_raytracer.checkpoint_interval)
     return KeepFilm(path, every=every, on_fault=warn, must_write=False)
+
+
+def find_aside(path: Path) -> Path:
+    """Return where a render that begins anew keeps the file of the one before: the user may have meant to resume."""
+    return path.with_name(f"{path.name.removesuffix(SUFFIX)}.before.npz")
+
+
+def settle(path: Path, film: Film) -> None:
+    """Put back a file that was set aside where a render of the same picture was stopped with fewer samples: all that it
+    has is in there. Else the file goes."""
+    aside = find_aside(path)
+    with suppress(OSError):  # what stays is found by the next render
+        if film.cancelled and aside.exists() and is_ahead(aside, film):
+            aside.replace(path)
+        aside.unlink(missing_ok=True)
+
+
+def is_ahead(path: Path, film: Film) -> bool:
+    """Return whether a file holds a film of the same picture as `film`, with more samples."""
+    try:
+        other = load_film(path)
+    except ValueError:
+        return False
+    if film.key is None or other.key is None or other.samples <= film.samples:
+        return False
+    return not describe_difference(other.key, film.key)
 
 
 def spend_files(scene: Any) -> None:

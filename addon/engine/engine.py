@@ -249,6 +249,7 @@ def make_checked_film(
             engine, depsgraph.scene, depsgraph.view_layer.name, find_view(engine, depsgraph.scene)
         )
         film = trace(engine, scene, depsgraph, border, progress, kept, order.render)
+        checkpoints.settle(order.path, film)
     except ValueError as error:  # a checkpoint that is broken, or of another picture
         raise SceneError(str(error)) from error
     except OSError as error:

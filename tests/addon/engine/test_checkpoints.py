@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine import checkpoints, engine
+from addon.engine import checkpoints, engine, orders
 from addon.engine.output import RenderOutput
 from addon.engine.statistics import last_render
 from addon.panels.resume import RAYTRACER_OT_resume_render
@@ -113,6 +113,43 @@ def test_a_render_begins_anew_without_being_asked_to_resume(stage: Any, stop: An
     stop(2)
     render_pass(stage, tmp_path / "other.exr")
     assert load_film(path).samples == 2
+
+
+def test_a_render_in_place_of_resume_costs_nothing_where_it_is_stopped(stage: Any, stop: Any, tmp_path: Path) -> None:
+    """It removed the hours of the one before as it began."""
+    stop(4)
+    render_pass(stage, tmp_path / "some.exr")
+    (path,) = checkpoints.list_files(stage)
+    stop(2)
+    render_pass(stage, tmp_path / "mistaken.exr")
+    assert load_film(path).samples == 4
+    stop(5)
+    render_pass(stage, tmp_path / "more.exr")
+    assert load_film(path).samples == 5
+    assert list_names(tmp_path / "kept") == [path.name]
+
+
+def test_a_render_that_breaks_before_its_first_write_leaves_the_file_of_the_one_before(
+    stage: Any, stop: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There was none any more to go on from."""
+    stop()
+    whole = render_pass(stage, tmp_path / "whole.exr")
+    stop(4)
+    render_pass(stage, tmp_path / "some.exr")
+
+    def fail(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(orders, "render_into", fail)
+        with pytest.raises(RuntimeError, match="not enough memory"):
+            bpy.ops.render.render()
+    assert bpy.ops.raytracer.resume_render.poll()
+    done = stop()
+    np.testing.assert_array_equal(resume(stage, tmp_path / "resumed.exr"), whole)
+    assert done == [5, 6]
+    assert list_names(tmp_path / "kept") == []
 
 
 def test_a_changed_setting_or_scene_is_refused_by_name(stage: Any, stop: Any, tmp_path: Path) -> None:
