@@ -122,11 +122,12 @@ class _Compare:
         except ComparisonError as error:
             self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
             return {"CANCELLED"}
+        else:
+            if running.blocked:
+                reason = f"Compared without scripts of the file, which the preferences do not allow: {running.blocked}"
+                self.report({"WARNING"}, reason)  # type: ignore[attr-defined]
         finally:
             stop()
-        if running.blocked:
-            reason = f"Compared without scripts of the file, which the preferences do not allow: {running.blocked}"
-            self.report({"WARNING"}, reason)  # type: ignore[attr-defined]
         open_image(context.window, session.keep(outcome))
         return {"FINISHED"}
 
