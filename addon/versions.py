@@ -44,9 +44,10 @@ CONVERTS_ON_THE_WAY = VERSION < (5, 0)
 
 
 def blender_pass_name(name: str, version: tuple[int, ...] = VERSION) -> str:
-    """Return the name that this version of Blender gives to the tracer's pass `name`."""
+    """Return the name that this version of Blender gives to the tracer's pass `name`: 63 bytes, where letters end."""
     layer = find_layer_name(name)
-    return layer if layer != name or version >= (5, 0) else SHORT_PASS_NAMES.get(name, name)
+    known = layer if layer != name or version >= (5, 0) else SHORT_PASS_NAMES.get(name, name)
+    return known.encode()[:63].decode(errors="ignore")
 
 
 def find_node_tree(owner: Any) -> Any:
@@ -268,8 +269,7 @@ def read_terminator(shown: Any) -> tuple[float, float]:
 def read_caustics(shown: Any) -> tuple[bool, bool]:
     """Return whether an object casts shadow caustics, and whether it receives them; both are Cycles' own."""
     cycles = getattr(shown, "cycles", None)
-    names = ("is_caustics_caster", "is_caustics_receiver")
-    return (bool(getattr(cycles, names[0], False)), bool(getattr(cycles, names[1], False)))
+    return bool(getattr(cycles, "is_caustics_caster", False)), bool(getattr(cycles, "is_caustics_receiver", False))
 
 
 def makes_caustics(shining: Any) -> bool:
