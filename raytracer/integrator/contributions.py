@@ -171,7 +171,10 @@ def add_visible_light(
         return
     paths, seen = paths.select(rows), seen.select(rows)
     passed = (paths.travelled < seen.distance) | (paths.travelled == 0)
-    passed &= seen.distance <= hits.distance[rows] * length(paths.rays.directions)
+    unit, rays = length(paths.rays.directions), paths.rays
+    passed &= seen.distance <= hits.distance[rows] * unit
+    clipped = (seen.distance < rays.t_min * unit) | (seen.distance > rays.t_max * unit)
+    passed &= ~(paths.direct & np.isfinite(seen.distance) & clipped)  # of cameras; a sun has no place to be clipped at
     passed &= meet_lights(paths.kind, light.seen_by)
     if integrator.links is not None:
         passed &= paths.direct | integrator.links.find_lit(light.receivers, paths.scatterer)

@@ -241,3 +241,25 @@ def test_an_even_world_is_one_source_where_nothing_tells_its_rays_apart(mask):
     ]
     counts = [len(prepare(scene, raytracer.build(scene), Settings()).sources) for scene in scenes]
     assert counts == [1, 1, 2]
+
+
+@pytest.mark.parametrize(("place", "shows"), [(0.5, False), (2.0, True), (7.0, False)])
+@pytest.mark.parametrize("pane", [False, True])
+def test_cameras_clip_lamps_as_all_else(place, shows, pane):
+    """As Cycles does (compared in Blender): they were seen before Clip Start and behind Clip End."""
+    middle = (0.0, 0.0, -place)
+    lamps = [
+        raytracer.PointLight(middle, 30.0, radius=0.3, seen_by=SEEN_BY_ALL),
+        raytracer.AreaLight(middle, (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), 30.0, seen_by=SEEN_BY_ALL),
+    ]
+    scenes = [
+        raytracer.Scene(
+            meshes=[square(-1.5)] if pane else [],
+            materials=[CLEAR],
+            lights=[lamp],
+            camera=raytracer.Camera(np.eye(4), clip_start=1.0, clip_end=5.0),
+        )
+        for lamp in lamps
+    ]
+    pictures = [raytracer.render(scene, 8, 8, samples=4)["Combined"][..., :3] for scene in scenes]
+    assert [bool(picture.any()) for picture in pictures] == [shows, shows]
