@@ -10,6 +10,7 @@ from . import (
     camera,
     curves,
     last_render,
+    linking,
     motion_blur,
     presets,
     render,
@@ -22,7 +23,7 @@ from . import (
 # In the order of each tab.
 CLASSES = (
     *(*presets.CLASSES, *render.CLASSES, *bake.CLASSES, *last_render.CLASSES, *view_layer.CLASSES, *scene_data.CLASSES),
-    *(*camera.CLASSES, *motion_blur.CLASSES, *curves.CLASSES, *subdivision.CLASSES, *resume.CLASSES),
+    *(*linking.CLASSES, *camera.CLASSES, *motion_blur.CLASSES, *curves.CLASSES, *subdivision.CLASSES, *resume.CLASSES),
 )
 
 register_classes, unregister_classes = make_registrars(CLASSES)

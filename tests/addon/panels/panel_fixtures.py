@@ -57,6 +57,13 @@ class RecordingLayout:
         self.prop(data, name)
         assert items in found_in.bl_rna.properties
 
+    def template_ID(self, data: Any, name: str, new: str) -> None:  # noqa: N802  (Blender's)
+        self.prop(data, name)
+        self.operator(new)
+
+    def template_light_linking_collection(self, row: Any, data: Any, name: str) -> None:
+        self.prop(data, name)
+
     def menu(self, name: str, **options: Any) -> None:
         assert hasattr(bpy.types, name)
 

@@ -10,7 +10,7 @@ import pytest
 
 from addon import properties, versions
 from addon.extract.camera import PANORAMAS
-from addon.panels import bake, camera, render, resume, scene_data, view_layer
+from addon.panels import bake, built_in, camera, linking, render, resume, scene_data, view_layer
 from addon.passes import MATTE_OPTIONS, PASSES, enable_passes, enabled_passes, find_pass, list_options
 from addon.properties import ENGINE
 from raytracer.film import passes
@@ -241,6 +241,32 @@ def test_shadow_terminator_panel_draws_what_is_read(empty_scene: Any, registered
     for name, value in zip(names, (0.5, 0.25), strict=True):
         setattr(owner, name, value)
     assert versions.read_terminator(ball) == (0.5, 0.25)
+
+
+def test_light_and_shadow_linking_can_be_set(empty_scene: Any, registered: None) -> None:
+    """In 4.2 the panels are Cycles' alone."""
+    labels = {
+        panel.bl_label
+        for panel in built_in.all_subclasses(bpy.types.Panel)
+        if panel.is_registered and ENGINE in getattr(panel, "COMPAT_ENGINES", {ENGINE})
+    }
+    assert {"Light Linking", "Shadow Linking"} <= labels
+
+
+@pytest.mark.parametrize("kind", ["receiver", "blocker"])
+def test_linking_panels_draw_what_is_linked(empty_scene: Any, registered: None, kind: str) -> None:
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
+    panel = {
+        "receiver": linking.RAYTRACER_OBJECT_PT_light_linking,
+        "blocker": linking.RAYTRACER_OBJECT_PT_shadow_linking,
+    }
+    assert draw(panel[kind], object=lamp).names == [f"{kind}_collection"]
+    setattr(lamp.light_linking, f"{kind}_collection", bpy.data.collections.new("Linked"))
+    layout = draw(panel[kind], object=lamp)
+    assert layout.names == [f"{kind}_collection"] * 2
+    names = [f"{kind}_collection_new", f"{kind}s_link", "unlink_from_collection"]
+    assert [button.name for button in layout.buttons] == [f"object.light_linking_{name}" for name in names]
+    assert all(getattr(bpy.ops.object, f"light_linking_{name}").get_rna_type() for name in names)
 
 
 def test_world_panels_set_the_distances_of_passes(empty_scene: Any, registered: None) -> None:
