@@ -44,6 +44,7 @@ class _Compare:
     kind = ""
 
     width: width_property()  # type: ignore[valid-type]
+    scene = 0  # the `session_uid` of what is compared
 
     @classmethod
     def poll(cls, context: Any) -> bool:
@@ -107,6 +108,7 @@ class _Compare:
         except ComparisonError as error:
             self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
             return False
+        self.scene = context.scene.session_uid
         state = context.window_manager.reference_raytracer_comparison
         state.is_running, state.progress = True, 0.0
         return True
@@ -128,7 +130,7 @@ class _Compare:
                 self.report({"WARNING"}, reason)  # type: ignore[attr-defined]
         finally:
             stop()
-        open_image(context.window, session.keep(outcome))
+        open_image(context.window, session.keep(outcome, self.scene))
         return {"FINISHED"}
 
 

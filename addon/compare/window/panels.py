@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ...editors import count_letters
+from ...editors import count_letters, wrap_text
 from ...inspector.panels import CATEGORY, draw_lines, find_chosen
 from ...properties import ENGINE
 from ...together import make_registrars
@@ -79,7 +79,7 @@ class RAYTRACER_RENDER_PT_compare(bpy.types.Panel):
         self._draw_outcome(context, state)
 
     def _draw_outcome(self, context: Any, state: Any) -> None:
-        outcome = session.find_outcome()
+        outcome = session.find_outcome(context.scene)
         if outcome is None:
             return
         layout = self.layout
@@ -96,6 +96,9 @@ class RAYTRACER_RENDER_PT_compare(bpy.types.Panel):
             layout.label(text="Worst Pixels" if outcome.kind == "cycles" else "Rays Farthest Apart")
             draw_columns(layout, HEADERS[outcome.kind])
             layout.template_list("RAYTRACER_UL_worst", "", state, "worst", state, "worst_index", rows=5)
+        if session.find_trouble():
+            for line in wrap_text(session.find_trouble(), count_letters(context)):
+                layout.label(text=line, icon="ERROR")
 
 
 class _VerdictPanel:

@@ -13,17 +13,24 @@ from raytracer.integrator.traced_rays import TracedRay
 from ...handlers import HANDLERS, join, leave
 from ...inspector import session as inspector
 from ..ray_cast.verdict import Verdict, judge_ray
-from ..results import Outcome
+from ..results import Outcome, Worst
 from .heat_map import show_heat_map
 
 _outcome: Outcome | None = None
+_scene = 0  # the `session_uid` of its scene
 _size = (0, 0)
+_trouble = ""
 _verdicts: tuple[Verdict, Verdict] | None = None
 
 
-def find_outcome() -> Outcome | None:
-    """Return the outcome of the last comparison, or None."""
-    return _outcome
+def find_outcome(scene: Any = None) -> Outcome | None:
+    """Return the outcome of the last comparison, or None; of a scene, if that was compared."""
+    return _outcome if scene is None or scene.session_uid == _scene else None
+
+
+def find_trouble() -> str:
+    """Return why the entry of the list chosen last could not be inspected; empty where it could."""
+    return _trouble
 
 
 def find_verdicts() -> tuple[Verdict, Verdict] | None:
@@ -40,10 +47,13 @@ def find_verdicts_on(ray: TracedRay) -> tuple[Verdict, Verdict] | None:
     return _verdicts if same else None
 
 
-def keep(outcome: Outcome) -> Any:
-    """Show numbers, list and map; return the map's image."""
-    global _outcome, _size
-    _outcome = outcome
+def keep(outcome: Outcome, scene: int) -> Any:
+    """Show numbers, list and map; return the map's image.
+
+    scene : `session_uid` of what was compared
+    """
+    global _outcome, _scene, _size, _trouble
+    _outcome, _scene, _trouble = outcome, scene, ""
     _size = outcome.heat.shape[1], outcome.heat.shape[0]
     for manager in bpy.data.window_managers:
         rows = manager.reference_raytracer_comparison.worst
@@ -56,10 +66,19 @@ def keep(outcome: Outcome) -> Any:
 
 
 def inspect_worst(context: Any, index: int) -> None:
-    """Inspect the ray of an entry of the list, and judge it."""
-    if _outcome is None or not 0 <= index < len(_outcome.worst):
+    """Inspect the ray of an entry of the list, and judge it; Blender's callback of a click cannot report an error."""
+    global _trouble
+    outcome, _trouble = find_outcome(context.scene), ""
+    if outcome is None or not 0 <= index < len(outcome.worst):
         return
-    entry, depsgraph = _outcome.worst[index], context.evaluated_depsgraph_get()
+    try:
+        _inspect(context, outcome.worst[index])
+    except ValueError as error:
+        _trouble = str(error)
+
+
+def _inspect(context: Any, entry: Worst) -> None:
+    depsgraph = context.evaluated_depsgraph_get()
     if entry.origin:
         inspected = inspector.inspect_ray(
             depsgraph, entry.origin, entry.direction, f"Ray at {entry.object} ({entry.place})"
@@ -78,8 +97,9 @@ def judge(context: Any, origin: Any, direction: Any) -> None:
 @persistent
 def clear(*_: Any) -> None:
     """Forget all; called when a file is loaded, too. The image stays: it belongs to the file by now."""
-    global _outcome, _verdicts
+    global _outcome, _verdicts, _trouble
     _outcome = _verdicts = None
+    _trouble = ""
     for manager in bpy.data.window_managers:
         manager.reference_raytracer_comparison.worst.clear()
         manager.reference_raytracer_comparison.is_running = False  # as a file may say that was saved meanwhile

@@ -95,6 +95,25 @@ def test_comparing_with_ray_cast_lists_rays_that_can_be_inspected(stage: Any) ->
         assert all(session.find_verdicts_on(ray) is None for ray in inspected.tree[1:])
 
 
+def test_a_list_is_of_the_scene_that_was_compared_and_says_what_goes_wrong(stage: Any) -> None:
+    """Every scene showed it, and a click inspected the pixel of any; errors of clicks reached the console alone."""
+    assert bpy.ops.raytracer.compare_ray_cast(width=WIDTH, rays=1) == {"FINISHED"}
+    other, state = bpy.data.scenes.new("Other"), bpy.context.window_manager.reference_raytracer_comparison
+    assert session.find_outcome(stage) is session.find_outcome() is not None
+    assert session.find_outcome(other) is None
+    before = inspector.find_inspected()
+    session.inspect_worst(SimpleNamespace(scene=other), 0)
+    assert inspector.find_inspected() is before
+    stage.camera.scale = (0.0, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    state.worst_index = 1
+    assert session.find_trouble().startswith("Camera 'Camera' has a scale of")
+    stage.camera.scale = (1.0, 1.0, 1.0)
+    bpy.context.view_layer.update()
+    state.worst_index = 0
+    assert session.find_trouble() == ""
+
+
 @pytest.mark.parametrize("kind", ["cycles", "ray_cast"])
 def test_a_difference_is_said_in_words(kind: str) -> None:
     headline, icon, lines = describe.describe_outcome(kind, {"verdict": "differs", "reason": "depth is off"}, LETTERS)
