@@ -253,16 +253,16 @@ def test_verdict_is_exact_arithmetics(stage: Any) -> None:
 def test_wrong_answer_is_called_wrong(stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     made = verdict.make_sides
 
-    def lie(scene: Any, depsgraph: Any, geometry_only: bool = False) -> Any:
-        sides, extraction = made(scene, depsgraph, geometry_only)
-        liar = SimpleNamespace(
+    def lie(scene: Any, depsgraph: Any) -> Any:
+        sides = made(scene, depsgraph)
+        return SimpleNamespace(
             caster=sides.caster,
             translate=sides.translate,
             polygons=sides.polygons,
             ray_cast=lambda origin, direction: (False, None, None, -1, None, None),
             target_of_key={},
+            list_names=sides.list_names,
         )
-        return liar, extraction
 
     monkeypatch.setattr(verdict, "make_sides", lie)
     depsgraph = bpy.context.evaluated_depsgraph_get()
