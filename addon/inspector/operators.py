@@ -17,6 +17,20 @@ NAVIGATION = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "T
 HELP = "Click a pixel of the render or a point of the 3D view to see its rays   |   Esc or right click: cancel"
 
 
+_places: tuple[Any, Any] | None = None  # the window and the workspace in which a click is waited for
+
+
+def wait_no_more() -> None:
+    """Take back what shows that a click is waited for: Blender forgets operators of an add-on that goes, without
+    telling them."""
+    global _places
+    places, _places = _places, None
+    if places is not None:
+        window, workspace = places
+        window.cursor_modal_restore()
+        workspace.status_text_set(None)
+
+
 class RAYTRACER_OT_inspect_pixel(bpy.types.Operator):
     """Trace the rays of one pixel and show them: the camera's, those that it leads to, and their shadow rays"""
 
@@ -39,6 +53,8 @@ class RAYTRACER_OT_inspect_pixel(bpy.types.Operator):
         """Let the user pick with the mouse, unless the pixel is given."""
         if self.properties.is_property_set("x") and self.properties.is_property_set("y"):
             return self.execute(context)
+        global _places
+        _places = context.window, context.workspace
         context.window.cursor_modal_set("EYEDROPPER")
         context.workspace.status_text_set(HELP)
         context.window_manager.modal_handler_add(self)
@@ -62,8 +78,9 @@ class RAYTRACER_OT_inspect_pixel(bpy.types.Operator):
         self._end(context, {"CANCELLED"})
 
     def _end(self, context: Any, result: set[str]) -> set[str]:
-        context.window.cursor_modal_restore()
-        context.workspace.status_text_set(None)
+        global _places
+        _places = context.window, context.workspace
+        wait_no_more()
         return result
 
     def _pick(self, context: Any, event: Any) -> set[str]:

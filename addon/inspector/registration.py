@@ -15,4 +15,5 @@ def register() -> None:
 
 def unregister() -> None:
     """Take out everything, lines in the 3D view included."""
+    operators.wait_no_more()
     unregister_all(PARTS)

@@ -20,6 +20,7 @@ from .properties import rays_property, samples_property, width_property
 POLL_SECONDS = 0.25
 
 _running: Running | None = None
+_timer: Any = None  # of the operator that looks after it
 
 
 def end_process() -> None:
@@ -36,6 +37,20 @@ def stop() -> None:
     for manager in bpy.data.window_managers:
         manager.reference_raytracer_comparison.is_running = False
     redraw()
+
+
+def end_timer(manager: Any, timer: Any) -> None:
+    """Look after a comparison no more."""
+    global _timer
+    _timer = None
+    manager.event_timer_remove(timer)
+
+
+def leave() -> None:
+    """End what runs, as the add-on goes: Blender then forgets operators that wait without telling them."""
+    if _timer is not None:
+        end_timer(bpy.context.window_manager, _timer)
+    stop()
 
 
 class _Compare:
@@ -66,7 +81,8 @@ class _Compare:
         """Compare while the user goes on working."""
         if not self._start(context):
             return {"CANCELLED"}
-        self._timer = context.window_manager.event_timer_add(POLL_SECONDS, window=context.window)
+        global _timer
+        self._timer = _timer = context.window_manager.event_timer_add(POLL_SECONDS, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -75,13 +91,13 @@ class _Compare:
         if event.type == "ESC" and _running is not None:
             stop()
         if _running is None:  # stopped here, by the button, or because the add-on goes
-            context.window_manager.event_timer_remove(self._timer)
+            end_timer(context.window_manager, self._timer)
             self.report({"INFO"}, "Comparison cancelled")  # type: ignore[attr-defined]
             return {"CANCELLED"}
         if event.type == "TIMER":
             self._show_progress(context)
             if _running.is_done():
-                context.window_manager.event_timer_remove(self._timer)
+                end_timer(context.window_manager, self._timer)
                 return self._finish(context)
         return {"PASS_THROUGH"}
 
@@ -95,7 +111,7 @@ class _Compare:
 
     def cancel(self, context: Any) -> None:
         """Blender ends the operator by itself, for instance before another file is loaded."""
-        context.window_manager.event_timer_remove(self._timer)
+        end_timer(context.window_manager, self._timer)
         stop()
 
     def _start(self, context: Any) -> bool:

@@ -19,5 +19,5 @@ def register() -> None:
 
 def unregister() -> None:
     """End a comparison that runs, and take everything out."""
-    operators.stop()
+    operators.leave()
     unregister_all(PARTS)

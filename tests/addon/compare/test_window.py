@@ -21,6 +21,7 @@ from addon.compare.ray_cast import verdict
 from addon.compare.ray_cast.comparison import compare_with_ray_cast
 from addon.compare.ray_cast.rays import Aimed
 from addon.compare.window import color_bar, describe, heat_map, job, operators, session
+from addon.inspector import operators as picking
 from addon.inspector import session as inspector
 from raytracer.processes.folders import OwnedFolder
 from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage
@@ -181,6 +182,19 @@ def test_a_comparison_that_blender_ends_leaves_no_timer(stage: Any) -> None:
     operator = SimpleNamespace(_timer="timer")
     operators.RAYTRACER_OT_compare_cycles.cancel(operator, context)
     assert removed == ["timer"]
+
+
+def test_operators_that_wait_leave_nothing_when_the_addon_goes(stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blender does not cancel them: a timer, a cursor and a text in the status bar stayed."""
+    told: list[object] = []
+    monkeypatch.setattr(operators, "end_timer", lambda manager, timer: told.append(timer))
+    monkeypatch.setattr(operators, "_timer", "timer")
+    window = SimpleNamespace(cursor_modal_restore=lambda: told.append("cursor"))
+    monkeypatch.setattr(picking, "_places", (window, SimpleNamespace(status_text_set=told.append)))
+    addon.unregister()
+    assert sorted(map(str, told)) == ["None", "cursor", "timer"]
+    assert picking._places is None
+    addon.register()
 
 
 def test_the_process_of_a_comparison_ends_with_its_parent(stage: Any) -> None:
