@@ -151,7 +151,7 @@ def test_there_are_scenes_to_compare():
     assert SCENES, "no .blend in blend_scenes/: make them with python -m blend_scenes.make_all"
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", mark_large(SCENES))
 def test_scene_ray_cast_agrees(path, record_property):
     comparison, sides = compare_with_ray_cast(*open_scene(path), 48, 27, 400)
     record_property("blender_wrong", list_borders(comparison))

@@ -33,7 +33,7 @@ from tests.addon.scripting.ray_cast_fixtures import (
     make_quad,
     set_values,
 )
-from tests.addon.scripting.test_against_blender import SCENES, assert_blender_agrees, open_scene
+from tests.addon.scripting.test_against_blender import SCENES, assert_blender_agrees, mark_large, open_scene
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("forget_casters")]
 
@@ -69,7 +69,7 @@ def answer_with_arrays(depsgraph, sides, rays):
     return Answers(target, cast.index.astype(np.int64), location, normal, 0.0), hits
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", mark_large(SCENES))
 def test_arrays_say_what_scene_ray_cast_says(path, monkeypatch, record_property):
     scene, depsgraph = open_scene(path)
     sides = make_sides(scene, depsgraph)
