@@ -39,7 +39,7 @@ PICTURE_SIZE = (48, 27)
 SMALL_SIZE = (32, 24)
 # With 16 samples the mean of Cycles over any number of seeds is off by some 0.03% (a disk-shaped lamp over a plane,
 # against quadrature), with 64 by less than 0.005%; tiles show the former.
-CYCLES_FACTOR = 8
+CYCLES_FACTOR = 4
 
 
 def mark_large(paths):

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("registered_addon")
 SIZE = (32, 24)
 MITSUBA_BAR = 0.0025
 # Cycles takes so many times our samples.
-CYCLES_FACTOR = 8
+CYCLES_FACTOR = 4
 SAMPLES, BATCHES = 16, 8
 TURN = (0.3, 0.2, 1.0)
 WIDTH, HEIGHT = 64, 32
