@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from raytracer.casting.bvh.traverse import offer_traversed
 from raytracer.casting.dense.offer import build_scene, offer_dense, suits_dense
 from raytracer.casting.matrix_form import MatrixForm
 from tests.oracle.exact_numbers import is_within
-from tests.oracle.exact_oracle import pack_scene
+from tests.oracle.exact_oracle import closest_hit, pack_scene
 
 
 def make_dense(primitives):
@@ -62,10 +62,21 @@ def judge(caster, origins, directions, t_min=0.0, t_max=np.inf):
     return hits
 
 
+@lru_cache(maxsize=64)
+def solve(*given):
+    """Return exact hits, of what is given as the bytes of arrays: accelerators share them, which have them judged."""
+    origins, directions, corners, centres, radii, t_min, t_max = (np.frombuffer(value) for value in given)
+    rays = origins.reshape(-1, 3), directions.reshape(-1, 3)
+    return closest_hit(*rays, corners.reshape(-1, 3, 3), centres.reshape(-1, 3), radii, t_min, t_max)
+
+
 def judge_hits(caster, hits, origins, directions, t_min=0.0, t_max=np.inf):
     """Check hits of `caster.scene` against exact arithmetic."""
     exact_scene = pack_scene(caster.scene)
-    exact = exact_scene.closest_hit(np.atleast_2d(origins), np.atleast_2d(directions), t_min, t_max)
+    content = exact_scene.corners, exact_scene.centres, exact_scene.radii
+    limits = np.broadcast_arrays(t_min, t_max, np.zeros(len(hits)))[:2]
+    given = [np.asarray(value, np.float64).tobytes() for value in (origins, directions, *content, *limits)]
+    exact = solve(*given)
     hit = exact.index >= 0
     np.testing.assert_array_equal(hits.instance, np.append(exact_scene.instance, -1)[exact.index])
     np.testing.assert_array_equal(hits.primitive, np.append(exact_scene.primitive, -1)[exact.index])

@@ -87,12 +87,13 @@ def test_ranges_of_generated_scenes_equal_exact_arithmetic(generated, low_side, 
     exact = exact_oracle.pack_scene(scene).closest_hit(*rays).distance
     t = np.array([0.0 if distance is None else round_to_float(distance) for distance in exact])
     low, high = (t if side is None else np.nextafter(t, side) for side in (low_side, high_side))
-    for name in ACCELERATORS:
-        caster = build_with(name, scene)
-        empty = ({"t_max": -np.inf}, {"t_min": np.inf}, {"t_min": -2.0, "t_max": -1.0})
-        for ranges in ({"t_max": high}, {"t_min": low}, {"t_min": low, "t_max": high}, {"t_min": -1.0}, *empty):
-            hits = caster.closest_hit(*rays, **ranges)
-            judge_hits(caster, hits, *rays, **ranges)
+    casters = [build_with(name, scene) for name in ACCELERATORS]
+    empty = ({"t_max": -np.inf}, {"t_min": np.inf}, {"t_min": -2.0, "t_max": -1.0})
+    for ranges in ({"t_max": high}, {"t_min": low}, {"t_min": low, "t_max": high}, {"t_min": -1.0}, *empty):
+        hits = casters[0].closest_hit(*rays, **ranges)
+        judge_hits(casters[0], hits, *rays, **ranges)
+        for caster in casters:
+            assert_same_hits(caster.closest_hit(*rays, **ranges), hits)
             np.testing.assert_array_equal(caster.any_hit(*rays, **ranges), hits.hit)
 
 
