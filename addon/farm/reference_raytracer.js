@@ -11,9 +11,11 @@ const JOB_TYPE = {
         { key: "frames", type: "string", required: true, eval: "f'{C.scene.frame_start}-{C.scene.frame_end}'",
           description: "Frames to render, such as '1-24'; of a picture in tiles, its frame" },
         { key: "tiles", type: "int32", default: 0, description: "Tiles of one picture; 0 renders whole frames" },
-        { key: "samples", type: "int32", default: 64, description: "Samples per pixel" },
+        { key: "samples", type: "int32", default: 0, description: "Samples per pixel; 0 takes those of the file" },
         { key: "size", type: "string", required: true,
-          eval: "f'{C.scene.render.resolution_x}x{C.scene.render.resolution_y}'", description: "Width x height" },
+          eval: "f'{C.scene.render.resolution_x * C.scene.render.resolution_percentage // 100}x" +
+              "{C.scene.render.resolution_y * C.scene.render.resolution_percentage // 100}'",
+          description: "Width x height" },
         { key: "output", type: "string", subtype: "file_path", required: true,
           description: "The .png or .exr files to write, #### for the frame's number" },
         { key: "python", type: "string", default: "python",
@@ -37,11 +39,16 @@ function makeTask(name, type, settings, args) {
     return task;
 }
 
+// Returns the arguments that stand in for settings of the file.
+function listChanges(settings) {
+    return ["--size", settings.size].concat(settings.samples > 0 ? ["--samples", settings.samples] : []);
+}
+
 function addFrames(job, settings) {
     for (const frame of frameChunker(settings.frames, 1)) {
         job.addTask(makeTask(`frame-${frame}`, "blender", settings, [
             "addon", "render", settings.blendfile, "-o", settings.output, "--frames", `${frame}-${frame}`,
-            "--size", settings.size, "--samples", settings.samples, "--skip-existing",
+            ...listChanges(settings), "--skip-existing",
         ]));
     }
 }
@@ -52,8 +59,7 @@ function addTiles(job, settings) {
     const picture = settings.output.replace(/#+(?=[^#\\/]*$)/, (run) => frame.padStart(run.length, "0"));
     const scene = `${picture}.scene.npz`;
     const written = makeTask("export", "blender", settings, [
-        "addon", "export", settings.blendfile, "-o", scene, "--frame", frame,
-        "--size", settings.size, "--samples", settings.samples,
+        "addon", "export", settings.blendfile, "-o", scene, "--frame", frame, ...listChanges(settings),
     ]);
     job.addTask(written);
     const films = [];

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path, PureWindowsPath
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -143,6 +144,29 @@ def test_flamenco_numbers_the_picture_as_the_command_does(output: str) -> None:
     merge = compiled["tasks"][-1]["commands"][0]["parameters"]["args"]
     picture = merge[merge.index("-o") + 1]
     assert picture == folder + number_path(Path(name), 7).name
+
+
+@needs_node
+@pytest.mark.parametrize("tiles", [0, 2])
+@pytest.mark.parametrize("samples", [0, 7])
+def test_flamenco_takes_the_samples_of_the_file_unless_it_is_told_others(tiles: int, samples: int) -> None:
+    """It always had 64."""
+    job = {"frames": "7", "size": "64x36", "output": "/out/####.png", "blendfile": "/in/a.blend"}
+    tasks = compile_job(**job, tiles=tiles, **({"samples": samples} if samples else {}))["tasks"]
+    check_commands(tasks)
+    arguments = tasks[0]["commands"][0]["parameters"]["args"]
+    assert ("--samples" in arguments) == (samples > 0)
+    assert not samples or arguments[arguments.index("--samples") + 1] == str(samples)
+
+
+@needs_node
+def test_flamenco_is_offered_the_size_that_blender_renders() -> None:
+    """The percentage of the resolution was left out."""
+    job = compile_job(frames="7", size="64x36", output="/out/####.png", blendfile="/in/a.blend")
+    (size,) = [setting for setting in job["settings"] if setting["key"] == "size"]
+    render = SimpleNamespace(resolution_x=1920, resolution_y=1081, resolution_percentage=50)
+    context = SimpleNamespace(scene=SimpleNamespace(render=render))
+    assert eval(size["eval"], {}, {"C": context}) == "960x540"
 
 
 @needs_node
