@@ -5,8 +5,6 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,29 +15,18 @@ import pytest
 
 import addon
 from addon.compare import results
-from addon.compare.ray_cast import verdict
-from addon.compare.ray_cast.comparison import compare_with_ray_cast
 from addon.compare.ray_cast.rays import Aimed
 from addon.compare.window import color_bar, describe, heat_map, job, operators, session
 from addon.inspector import operators as picking
 from addon.inspector import session as inspector
 from raytracer.processes.folders import OwnedFolder
-from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH, add_plane, make_stage
+from tests.addon.compare.comparison_fixtures import stage
+from tests.addon.engine.engine_fixtures import HEIGHT, WIDTH
 from tests.addon.inspector.test_inspector import describe_scene
 
+__all__ = ["stage"]  # a fixture
+
 LETTERS = 40  # in a line of a panel
-
-
-@pytest.fixture
-def stage(empty_scene: Any) -> Iterator[Any]:
-    """A plane of one color over half of the picture, tilted by thirds so that rays need rounding."""
-    addon.register()
-    make_stage(empty_scene)
-    plane = add_plane(empty_scene.collection, "Plane", (0.75, 0.125, 0.0), (-9.0, 0.1), (-7.0, 7.0))
-    plane.rotation_euler = (0.1, 0.2, 0.3)
-    bpy.context.view_layer.update()
-    yield empty_scene
-    addon.unregister()
 
 
 def test_comparing_with_cycles_finds_agreement_and_changes_nothing(stage: Any) -> None:
@@ -216,73 +203,6 @@ def test_the_process_of_a_comparison_ends_with_its_parent(stage: Any) -> None:
 def test_scene_without_camera_cannot_be_compared(stage: Any) -> None:
     stage.camera = None
     assert not bpy.ops.raytracer.compare_cycles.poll()
-
-
-def hide_from_rays(plane: Any) -> None:
-    for kind in ("camera", "diffuse", "glossy", "transmission", "shadow", "volume_scatter"):
-        setattr(plane, f"visible_{kind}", False)
-
-
-def hide_below_hair(plane: Any) -> None:
-    plane.modifiers.new("Hair", "PARTICLE_SYSTEM").particle_system.settings.type = "HAIR"
-    plane.show_instancer_for_viewport = False
-
-
-def turn_last_row(plane: Any) -> None:
-    plane.parent = bpy.data.objects.new("Parent", None)
-    bpy.context.collection.objects.link(plane.parent)
-    plane.matrix_parent_inverse[3][0] = 0.5
-
-
-@pytest.mark.parametrize("change", [hide_from_rays, hide_below_hair, turn_last_row])
-def test_what_only_scene_ray_cast_hits_is_compared(stage: Any, change: Any) -> None:
-    """It was a KeyError, of the comparison and of Judge Ray."""
-    stage.objects["Plane"].rotation_euler = (0, 0, 0)
-    change(stage.objects["Plane"])
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    comparison, _ = compare_with_ray_cast(stage, depsgraph, WIDTH, HEIGHT, 50)
-    assert not comparison.ours_wrong.any()
-    assert comparison.agreeing.sum() >= 100  # of the camera's rays alone
-    verdicts = verdict.judge_ray(stage, depsgraph, (-3.0, 1.0, 3.0), (0.0, 0.0, -3.0))
-    assert [found.answer for found in verdicts] == [("Plane", 0)] * 2
-
-
-def test_verdict_is_exact_arithmetics(stage: Any) -> None:
-    stage.objects["Plane"].rotation_euler = (0, 0, 0)
-    stage.objects["Plane"].location.z = 0.5
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    ours, blender = verdict.judge_ray(stage, depsgraph, (-3.0, 1.0, 3.0), (0.0, 0.0, -3.0))
-    assert ours.exact_distance == blender.exact_distance == Fraction(5, 6)
-    assert (ours.answer, ours.exact_surfaces) == (("Plane", 0), {("Plane", 0)})
-    assert ours.is_right
-    assert blender.is_right
-    assert ours.distance_error is not None
-    assert ours.t_error <= ours.distance_error <= 2.0**-52
-    assert describe.format_fraction(Fraction(5, 6)) == "0.83333333333333333333"
-    miss, _ = verdict.judge_ray(stage, depsgraph, (50.0, 1.0, 3.0), (0.0, 0.0, -3.0))
-    assert (miss.answer, miss.exact_distance, miss.is_right) == (None, None, True)
-    assert [values for _, values in describe.describe_exact(miss)] == [("the ray hits nothing",)]
-
-
-def test_wrong_answer_is_called_wrong(stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = verdict.make_sides
-
-    def lie(scene: Any, depsgraph: Any) -> Any:
-        sides = made(scene, depsgraph)
-        return SimpleNamespace(
-            caster=sides.caster,
-            translate=sides.translate,
-            polygons=sides.polygons,
-            ray_cast=lambda origin, direction: (False, None, None, -1, None, None),
-            target_of_key={},
-            list_names=sides.list_names,
-        )
-
-    monkeypatch.setattr(verdict, "make_sides", lie)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    ours, blender = verdict.judge_ray(stage, depsgraph, (-3.0, 1.0, 5.0), (0.0, 0.0, -1.0))
-    assert (ours.is_right, blender.is_right) == (True, False)
-    assert dict(describe.describe_verdict(blender)) == {"Answer": ("a miss",), "Right is": ("Plane, polygon 0",)}
 
 
 def test_worst_pixels_are_sorted_and_apart() -> None:

@@ -23,7 +23,7 @@ from addon.engine.statistics import last_render
 from addon.extract.shaders.images import ImageTable
 from addon.extract.shaders.nodes import WarningContext
 from addon.extract.warnings import WarningList
-from addon.versions import VERSION, set_image_format
+from addon.versions import set_image_format
 from raytracer.processes.workers import WorkerError
 from tests.addon.engine.engine_fixtures import (
     HEIGHT,
@@ -170,21 +170,6 @@ def test_animation_renders_each_frame_anew(stage: Any, tmp_path: Path) -> None:
         pictures.append(render_pass(stage, tmp_path / "a.exr"))
     np.testing.assert_array_equal(pictures[0], paint_expected())
     assert not pictures[1][: HEIGHT // 2, :, :3].any()
-
-
-@pytest.mark.parametrize(
-    "name",
-    ["x" * 60, "\N{CJK UNIFIED IDEOGRAPH-5149}" * 19, "a" + "\N{GREEK SMALL LETTER PHI}" * 30],
-    ids=["of ASCII", "cut off between letters", "cut off in a letter"],
-)
-@pytest.mark.skipif(VERSION < (5, 0), reason="before, Blender cut off the names of channels in files as well")
-def test_light_groups_may_have_long_names(stage: Any, tmp_path: Path, name: str) -> None:
-    """Blender cuts the names of passes off: the pass was black, or the render ended where a letter was cut."""
-    stage.view_layers[0].lightgroups.add(name=name)
-    bpy.data.objects["Green"].lightgroup = name
-    channels = render_channels(stage, tmp_path / "picture.exr")
-    (green,) = [pixels for channel, pixels in channels.items() if ".Combined_" in channel and channel.endswith(".G")]
-    np.testing.assert_array_equal(green, np.where(paint_expected()[..., 1] == GREEN[1], GREEN[1], 0.0))
 
 
 def test_two_scenes_of_one_session_stay_apart(stage: Any, tmp_path: Path) -> None:
