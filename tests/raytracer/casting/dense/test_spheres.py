@@ -120,15 +120,20 @@ def make_cloud(rng, count=900):
     return centres, radii
 
 
-def assert_agree(scene, origins, directions, t_min=0.0, t_max=np.inf):
-    """Cast with dense trees, also with all batches in order, the four-wide tree and brute force; return the hits."""
+def build_all(scene):
+    """Return casters with dense trees, with the four-wide tree and with brute force."""
     dense, other = build_with("dense", scene), build_with("bvh", scene)
-    everything = replace(other, offer=offer_all)
+    return dense, other, replace(other, offer=offer_all)
+
+
+def assert_agree(casters, origins, directions, t_min=0.0, t_max=np.inf):
+    """Cast with dense trees, also with all batches in order, and with the others; return the hits."""
+    dense, other, everything = casters
     rays = origins, directions, t_min, t_max
     hits = dense.closest_hit(*rays)
     for caster in (other, everything):
         assert_same_hits(hits, caster.closest_hit(*rays))
-        np.testing.assert_array_equal(caster.any_hit(*rays), hits.hit)
+    np.testing.assert_array_equal(other.any_hit(*rays), hits.hit)
     np.testing.assert_array_equal(dense.any_hit(*rays), hits.hit)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(dense_walk, "FEW_RAYS", 0)
@@ -162,13 +167,14 @@ def test_spheres_and_triangles_agree(rng, distance, offset, scale):
     if distance == 0.0:
         origins, directions = centres[some] + radii[some, np.newaxis] * (0, 1, 0), rng.normal(size=origins.shape)
         origins[::3] = centres[some[::3]]
-    hits = assert_agree(scene, origins, directions)
+    casters = build_all(scene)
+    hits = assert_agree(casters, origins, directions)
     assert hits.hit.any()
     t = np.where(np.isfinite(hits.distance), hits.distance, 1.0)
-    assert_agree(scene, origins, directions, 0.0, t)
-    assert_agree(scene, origins, directions, t, np.inf)
-    assert_agree(scene, origins, directions, -1.0, np.nextafter(t, 0.0))
-    assert_agree(scene, origins, directions, np.nextafter(t, np.inf), 3 * t)
+    assert_agree(casters, origins, directions, 0.0, t)
+    assert_agree(casters, origins, directions, t, np.inf)
+    assert_agree(casters, origins, directions, -1.0, np.nextafter(t, 0.0))
+    assert_agree(casters, origins, directions, np.nextafter(t, np.inf), 3 * t)
 
 
 def test_equal_spheres_and_triangles_at_one_place_agree(rng):
@@ -181,14 +187,15 @@ def test_equal_spheres_and_triangles_at_one_place_agree(rng):
         meshes=[raytracer.Mesh(grid, triangles)], spheres=[raytracer.Spheres(centres, np.full(40, 0.5))]
     )
     origins = np.add(centres, (0, 0, 4))
-    hits = assert_agree(scene, origins, (0, 0, -1))
+    casters = build_all(scene)
+    hits = assert_agree(casters, origins, (0, 0, -1))
     np.testing.assert_array_equal(hits.distance, 3.5)
     np.testing.assert_array_equal(hits.instance, 0)
-    hits = assert_agree(scene, origins, (0, 0, -1), 3.6, 9.0)
+    hits = assert_agree(casters, origins, (0, 0, -1), 3.6, 9.0)
     np.testing.assert_array_equal(hits.instance, 1)
     np.testing.assert_array_equal(hits.primitive, np.tile(np.arange(20), 2))
     rays = meshes.random_rays(rng, 600)
-    assert_agree(scene, *rays)
+    assert_agree(casters, *rays)
 
 
 def test_spheres_alone_equal_exact_arithmetic(rng):
@@ -208,7 +215,7 @@ def test_spheres_beside_instances_agree(rng, monkeypatch):
         instances=raytracer.Instances(np.zeros(30, np.int32), matrices),
         spheres=[raytracer.Spheres(*make_cloud(rng, 100))],
     )
-    hits = assert_agree(scene, *meshes.random_rays(rng, 400))
+    hits = assert_agree(build_all(scene), *meshes.random_rays(rng, 400))
     assert len(np.unique(hits.instance)) > 5
     assert (hits.instance == 30).sum() > 20
 
