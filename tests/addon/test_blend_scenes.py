@@ -1,10 +1,13 @@
 """The stored example scenes: small, complete, and what their scripts build. The oracle is a fresh build."""
 
+from typing import Any
+
 import bpy
 import pytest
 
 import addon
 from addon.extract.scene import extract_scene
+from addon.versions import find_node_tree
 from blend_scenes import building
 from blend_scenes.make_all import build_scene, list_scenes
 
@@ -13,6 +16,8 @@ pytestmark = pytest.mark.blender
 SCENES = list_scenes()
 LARGEST_FILE = 1_500_000  # bytes; a repository keeps every version of a binary file
 TRIANGLES_OF_TERRAIN = 2 * 2 * 4**8  # two faces of two triangles, each divided into four, eight times
+# Of bumps; of what is made in newer Blenders it is 0.1, in older files it stays as it was.
+NEW_INPUT = "Filter Width"
 SPHERES = {"plane_and_spheres": 4, "spheres_point_cloud": 3000 + 28 + 700}
 
 
@@ -43,15 +48,49 @@ def count_geometry() -> dict[str, int]:
     return counts | {"meshes": len(meshes)}
 
 
+def show(value: Any) -> str:
+    """Return numbers in so many digits as are the same wherever they are computed."""
+    values = [value] if isinstance(value, float) else value
+    return " ".join(f"{number + 0.0:.4g}" if abs(number) > 1e-4 else "0" for number in values)
+
+
+def list_numbers(thing: Any) -> list[Any]:
+    """Return the numbers and colors that a light, a camera or its depth of field is set to."""
+    kinds = [item for item in thing.bl_rna.properties if item.type == "FLOAT" and not item.is_readonly]
+    return [list(found) if item.is_array else found for item in kinds for found in (getattr(thing, item.identifier),)]
+
+
+def describe_nodes(owner: Any) -> list[str]:
+    """Return the nodes of a material or of a world, with the numbers in their inputs."""
+    tree = find_node_tree(owner)
+    nodes = tree.nodes if tree else []
+    lines = [(node.bl_idname, *(describe_input(socket) for socket in node.inputs)) for node in nodes]
+    return sorted(", ".join(part for part in line if part != NEW_INPUT) for line in lines)
+
+
+def describe_input(socket: Any) -> str:
+    if socket.is_linked:
+        return f"{socket.name} from {socket.links[0].from_node.bl_idname}"
+    if socket.name == NEW_INPUT:
+        return NEW_INPUT
+    value = getattr(socket, "default_value", None)
+    numbers = value if hasattr(value, "__len__") and not isinstance(value, str) else [value]
+    return f"{socket.name} {show(numbers)}" if isinstance(numbers[0], float) else socket.name
+
+
 def describe_scene() -> dict[str, object]:
     """Return what must be equal of a stored and of a fresh scene."""
     scene = bpy.context.scene
+    bpy.context.view_layer.update()
+    camera = scene.camera.data
     return {
         "objects": {thing.name: (thing.type, [slot.name for slot in thing.material_slots]) for thing in scene.objects},
+        "places": {thing.name: show([value for row in thing.matrix_world for value in row]) for thing in scene.objects},
         "collections": sorted(collection.name for collection in bpy.data.collections),
-        "lights": sorted((light.name, light.type, light.energy) for light in bpy.data.lights),
-        "materials": sorted(material.name for material in bpy.data.materials),
-        "camera": scene.camera.name,
+        "lights": {light.name: (light.type, *map(show, list_numbers(light))) for light in bpy.data.lights},
+        "materials": {material.name: describe_nodes(material) for material in bpy.data.materials},
+        "worlds": {world.name: describe_nodes(world) for world in bpy.data.worlds},
+        "camera": (scene.camera.name, *map(show, list_numbers(camera)), *map(show, list_numbers(camera.dof))),
         "size": (scene.render.resolution_x, scene.render.resolution_y),
         "view transform": scene.view_settings.view_transform,
         "geometry": count_geometry(),
