@@ -136,6 +136,7 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
     reports: list[Any] = []
     preview = SimpleNamespace(
         is_preview=True,
+        camera_override=None,
         is_animation=False,
         camera_override=None,
         resolution_x=32,
