@@ -16,8 +16,8 @@ pytestmark = pytest.mark.blender
 SCENES = list_scenes()
 LARGEST_FILE = 1_500_000  # bytes; a repository keeps every version of a binary file
 TRIANGLES_OF_TERRAIN = 2 * 2 * 4**8  # two faces of two triangles, each divided into four, eight times
-# Of bumps; of what is made in newer Blenders it is 0.1, in older files it stays as it was.
-NEW_INPUT = "Filter Width"
+# Inputs that newer Blenders give new nodes another value; in older files they stay as they were.
+OTHER_DEFAULTS = {"Filter Width", "Subsurface Scale"}
 SPHERES = {"plane_and_spheres": 4, "spheres_point_cloud": 3000 + 28 + 700}
 
 
@@ -64,15 +64,13 @@ def describe_nodes(owner: Any) -> list[str]:
     """Return the nodes of a material or of a world, with the numbers in their inputs."""
     tree = find_node_tree(owner)
     nodes = tree.nodes if tree else []
-    lines = [(node.bl_idname, *(describe_input(socket) for socket in node.inputs)) for node in nodes]
-    return sorted(", ".join(part for part in line if part != NEW_INPUT) for line in lines)
+    told = {node: [socket for socket in node.inputs if socket.name not in OTHER_DEFAULTS] for node in nodes}
+    return sorted(f"{node.bl_idname}: {', '.join(map(describe_input, sockets))}" for node, sockets in told.items())
 
 
 def describe_input(socket: Any) -> str:
     if socket.is_linked:
         return f"{socket.name} from {socket.links[0].from_node.bl_idname}"
-    if socket.name == NEW_INPUT:
-        return NEW_INPUT
     value = getattr(socket, "default_value", None)
     numbers = value if hasattr(value, "__len__") and not isinstance(value, str) else [value]
     return f"{socket.name} {show(numbers)}" if isinstance(numbers[0], float) else socket.name
