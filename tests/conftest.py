@@ -1,7 +1,17 @@
 """Fixtures of all tests."""
 
+import contextlib
+
 import numpy as np
 import pytest
+
+# Absent where the add-on is tested in a bare Blender.
+with contextlib.suppress(ImportError):
+    from hypothesis import settings
+
+    # The same examples every time, whatever else keeps the machine busy.
+    settings.register_profile("repeatable", deadline=None, derandomize=True)
+    settings.load_profile("repeatable")
 
 
 @pytest.fixture
