@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 
-from addon.versions import VERSION
 from tests.addon.against_cycles.node_fixtures import Make, add_node
 from tests.addon.against_cycles.node_sources import (
     CENTRED,
@@ -261,7 +260,6 @@ ADJUSTMENTS = {
             vector_type=kind,
         )
         for kind in list_items("ShaderNodeMapping", "vector_type")
-        if kind != "POINT" or VERSION
     },
     **{
         f"rotate {kind} {inverted}": make(

@@ -49,6 +49,7 @@ def test_comparing_with_cycles_finds_agreement_and_changes_nothing(stage: Any) -
     assert tuple(bpy.data.images[heat_map.IMAGE_NAME].size) == (WIDTH, HEIGHT)
     assert bpy.data.filepath == ""
     depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert outcome.worst
     for entry in outcome.worst:  # the camera looks straight down, a pixel per unit length
         above = (entry.x + 0.5 - WIDTH / 2, entry.y + 0.5 - HEIGHT / 2, 10.0)
         seen = stage.ray_cast(depsgraph, above, (0, 0, -1))[4]
@@ -68,6 +69,7 @@ def test_comparing_with_ray_cast_lists_rays_that_can_be_inspected(stage: Any) ->
     ]
     assert {entry.object for entry in outcome.worst} <= {"Plane", "nothing"}
     assert not state.is_running
+    assert outcome.worst
     for index, entry in enumerate(outcome.worst[:3]):
         state.worst_index = index
         verdicts = session.find_verdicts()

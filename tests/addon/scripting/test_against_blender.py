@@ -194,7 +194,9 @@ def find_meshes(depsgraph):
 @pytest.mark.parametrize("path", mark_large(SCENES))
 def test_object_ray_cast_and_bvh_tree_agree(path):
     _, depsgraph = open_scene(path)
-    for shown in find_meshes(depsgraph):
+    meshes = find_meshes(depsgraph)
+    assert meshes
+    for shown in meshes:
         rays = None
         for ray_cast in (shown.ray_cast, cast_tree(BVHTree.FromObject(shown, depsgraph))):
             sides = make_object_sides(shown, ray_cast)
