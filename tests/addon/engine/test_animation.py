@@ -138,7 +138,6 @@ def test_a_preview_is_quick_and_leaves_no_trace(stage: Any, monkeypatch: pytest.
         is_preview=True,
         camera_override=None,
         is_animation=False,
-        camera_override=None,
         resolution_x=32,
         resolution_y=32,
         layers_done=0,
