@@ -14,7 +14,14 @@ from addon.versions import VERSION
 from blend_scenes import building
 from tests.addon.against_cycles import furnace
 from tests.addon.against_cycles.furnace import FURNACE, ROUGHNESS, TINT, measure_furnace, metallic, node, principled
-from tests.addon.against_cycles.test_pictures import add_lamp, assert_pictures_agree, make_stage
+from tests.addon.against_cycles.node_fixtures import render_centres, render_cycles
+from tests.addon.against_cycles.test_pictures import (
+    ALSO_BY_POINTS,
+    CLOSURES,
+    add_lamp,
+    assert_pictures_agree,
+    make_stage,
+)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("registered_addon")]
 
@@ -107,3 +114,17 @@ def test_a_translucent_curtain_agrees() -> None:
     made = furnace.make_material(node("Translucent"))
     building.link_object("Curtain", curtain, (0, 0, 1.1), rotation=(80, 0, 10), materials=[made])
     assert_pictures_agree(scene, samples=16)
+
+
+@pytest.mark.parametrize("name", [*ALSO_BY_POINTS, "glossy", "rough glass", "principled", "half transmission"])
+def test_a_ball_of_one_closure_agrees_point_by_point(name: str) -> None:
+    """Under a lamp without size nothing is random: what a lobe sends back of light is compared to its last digits."""
+    make_stage()
+    lamp = add_lamp("POINT", {"shadow_soft_size": 0.0}, location=(2.5, -2.5, 3.0), power=300.0)
+    ball = building.make_sphere("Ball", 1.2, 64)
+    building.link_object("Ball", ball, (0, 0.2, 1.2), materials=[CLOSURES[name]()])
+    for lamp.location.y in (-2.5, 2.5):
+        (ours, warnings), cycles = render_centres(96, 72), render_cycles(96, 72)
+        assert not warnings
+        assert (np.abs(ours - cycles) / (1.0 + cycles)).max() < 2e-3
+        assert abs(ours.mean() - cycles.mean()) < 2e-6

@@ -240,7 +240,22 @@ def make_showcase(name):
     return scene
 
 
-@pytest.mark.parametrize("name", CLOSURES)
+# Compared in the quick tier as well, under a lamp without size: `test_closures`.
+ALSO_BY_POINTS = (
+    "diffuse",
+    "rough glossy",
+    "rough refraction",
+    "principled without specular",
+    "principled dielectric",
+    "rough metal",
+    "half metal",
+    "rough transmission",
+)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in ALSO_BY_POINTS else ()) for name in CLOSURES]
+)
 def test_a_ball_of_one_closure_without_bounces_agrees(name):
     assert_pictures_agree(make_showcase(name), samples=16)
 
