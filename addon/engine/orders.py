@@ -15,7 +15,7 @@ from typing import Any
 
 import raytracer
 from raytracer.film.film import Film
-from raytracer.rendering.blocks import _say_nothing
+from raytracer.rendering.blocks import say_nothing
 from raytracer.rendering.checkpoints import EVERY_SECONDS, render_into
 
 from .. import interrupts
@@ -37,7 +37,7 @@ class KeepFilm:
     tile: tuple[int, int] | None = None
     until: int | None = None
     every: float = EVERY_SECONDS
-    on_fault: Callable[[OSError], None] = _say_nothing
+    on_fault: Callable[[OSError], None] = say_nothing
     must_write: bool = True
 
     def render(self, *arguments: Any, is_cancelled: Callable[[], bool], **keywords: Any) -> Film:

@@ -11,7 +11,7 @@ from raytracer.film.film import Film
 from raytracer.film.film_file import load_film, save_film
 from raytracer.integrator.settings import Settings
 from raytracer.processes.workers import WorkerError
-from raytracer.rendering.blocks import _say_nothing
+from raytracer.rendering.blocks import say_nothing
 from raytracer.rendering.render import prepare_film, render
 from raytracer.scene.scene import Scene
 
@@ -53,9 +53,9 @@ def render_into(
     samples: int,
     *,
     every: float = EVERY_SECONDS,
-    on_fault: Callable[[OSError], None] = _say_nothing,
+    on_fault: Callable[[OSError], None] = say_nothing,
     must_write: bool = True,
-    on_progress: Callable[[float], None] = _say_nothing,
+    on_progress: Callable[[float], None] = say_nothing,
     **keywords: Any,
 ) -> Film:
     """Render as `render` does, with a film's file that is written every so often, and once more at the end.

@@ -35,11 +35,11 @@ from raytracer.rendering.blocks import (
     FrameWindow,
     ListedBlock,
     _never,
-    _say_nothing,
     add_sample,
     count_sweeps,
     hand_out,
     make_window,
+    say_nothing,
     trace_blocks,
 )
 from raytracer.rendering.ending import EndedBy, Ending
@@ -112,7 +112,7 @@ def render(
     chosen = Settings(samples=samples, workers=count, **settings)
     film, window = prepare_film(scene, width, height, chosen, film)
     plan = plan_blocks(scene, film, window, chosen, until)
-    tell = on_stage or _say_nothing
+    tell = on_stage or say_nothing
     started = time.perf_counter()
     if caster is None:
         tell("Building")
