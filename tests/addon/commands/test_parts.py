@@ -216,10 +216,10 @@ def test_the_notice_of_farms_on_windows_is_heard(tmp_path: Path, monkeypatch: py
     """Ctrl-Break ended the process at once."""
     number = getattr(signal, "SIGBREAK", None) or signal.SIGUSR1
     monkeypatch.setattr(signal, "SIGBREAK", number, raising=False)
+    monkeypatch.setattr(interrupts._State, "is_noted", False)  # afterwards, too: what it notes would end later tests
     kept = keep_film(tmp_path / "film.npz", argparse.Namespace(every=None, tile=None, until=None))
     with kept, pytest.raises(KeyboardInterrupt):
         signal.raise_signal(number)
-    monkeypatch.setattr(interrupts._State, "is_noted", False)
 
 
 def test_films_without_a_picture_make_none(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from raytracer.bsdfs.fresnel import dielectric_reflectance, refract
 from raytracer.bsdfs.hair_huang import HuangHair
 from raytracer.bsdfs.microfacet_albedo import read_glass
 from raytracer.lecture import dot
-from tests.raytracer.bsdfs.test_hair import QUADRATURE, make_chiang, repeat, shade, view
+from tests.raytracer.bsdfs.test_hair import FINE, around_strand, make_chiang, repeat, shade, view
 
 IOR = 1.55
 
@@ -210,7 +210,7 @@ def test_mixed_with_others_samples_are_right_on_average():
     shading = replace(shade(huang, outgoing), lobes=(huang, chiang), diffuse=np.full((count, 3), 0.4))
     probabilities = lobe_probabilities(shading, with_diffuse=True)
     found = sample_bsdf(shading, probabilities, rng.random(count), rng.random((count, 2)))
-    directions, weights = QUADRATURE
+    directions, weights = around_strand(*FINE)
     part = make_chiang(len(directions), absorption=0.3).evaluate(view(0.3, len(directions)), directions)[0]
     expected = (part * weights[:, None]).sum(axis=0)[0] + 0.4 + sample(huang, 0.3).weight[:, 0].mean()
     weight = found.weight[:, 0]
@@ -236,7 +236,8 @@ def test_walks_are_reflections_of_density_one():
 
 def test_values_do_not_depend_on_their_batch():
     hair = make_huang(300, 0.2, 0.3)
-    outgoing, incoming = view(0.3, 300), QUADRATURE[0][:: len(QUADRATURE[0]) // 300][:300]
+    directions, _ = around_strand()
+    outgoing, incoming = view(0.3, 300), directions[:: len(directions) // 300][:300]
     together, _ = hair.evaluate(outgoing, incoming)
     rows = np.arange(17, 60)
     alone, _ = hair.select(rows).evaluate(outgoing[rows], incoming[rows])
@@ -246,7 +247,8 @@ def test_values_do_not_depend_on_their_batch():
 def test_strands_seen_from_their_end_are_finite():
     hair = make_huang(200, 0.3, 0.2, tilt=0.1)
     along = repeat((1.0, 0.0, 0.0), 200)
-    directions = QUADRATURE[0][:: len(QUADRATURE[0]) // 200][:200]
+    directions, _ = around_strand()
+    directions = directions[:: len(directions) // 200][:200]
     for outgoing, incoming in ((along, directions), (directions, along), (along, along)):
         assert np.isfinite(hair.evaluate(outgoing, incoming)[0]).all()
     found = hair.sample(along, np.linspace(0, 1, 200, endpoint=False), np.full((200, 2), 0.3))
