@@ -22,7 +22,7 @@ from tests.folders import SCENES
 pytestmark = pytest.mark.usefixtures("registered_addon")
 
 # The largest scenes: their pictures, and more bounces, are compared in the slow tier.
-LARGE = ("forest", "still_life", "terrain", "volumes")
+LARGE = ("displacement", "forest", "still_life", "terrain", "volumes")
 # Mitsuba 3's render tests let so many pixels fail.
 MITSUBA_BAR = 0.0025
 # So many pixels of a pass may differ (at this size, two: limbs, where a pixel's centre is hard to hit).
