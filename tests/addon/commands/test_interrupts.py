@@ -124,8 +124,8 @@ IN_BLENDER = """
 import os, signal, sys
 from addon.commands import command_line
 open_blend, renders = command_line.open_blend, []
-def open_and_wait(path):
-    bpy = open_blend(path)
+def open_and_wait(*arguments):
+    bpy = open_blend(*arguments)
     def interrupt(scene, *rest):
         renders.append(scene.render.engine)
         if scene.render.engine == "CYCLES":

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import raytracer
-from raytracer.files.unfinished import NEW_SECONDS, PREFIX
+from raytracer.files.unfinished import MACHINE, NEW_SECONDS, PREFIX
 from raytracer.film.film import Film
 from tests.raytracer.rendering.rendering_fixtures import make_lit_scene, same
 from tests.raytracer.scene.scene_mutations import pack, unpack
@@ -37,7 +37,7 @@ def test_a_film_comes_back_as_it_was(tmp_path: Path) -> None:
 
 
 def test_what_a_killed_process_left_of_a_film_is_removed_by_the_next_one(tmp_path: Path) -> None:
-    left = tmp_path / f"{PREFIX}{'0' * 12}.npz"
+    left = tmp_path / f"{PREFIX}{MACHINE}{'0' * 8}.npz"
     left.write_bytes(b"half")
     past = time.time() - 2 * NEW_SECONDS
     os.utime(left, (past, past))
