@@ -3,7 +3,8 @@
 Every scene is rendered with direct light and with paths, by ours and by Cycles, both also with their adaptive sampling,
 with more and more samples, several times each; the engines take turns. Times are compared at the smallest error that
 both have reached: nothing is extrapolated. The error is noise; what Cycles' adaptive sampling leaves out by stopping
-early is a bias, which it does not show.
+early is a bias, which it does not show. Run it pinned to one core (`taskset -c 0`): else a thread of Cycles' waits by
+spinning, and counts.
 
 References
 ----------
