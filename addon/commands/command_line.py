@@ -186,6 +186,12 @@ def list_blocked(bpy: Any) -> list[str]:
     ]
 
 
+def warn_blocked(bpy: Any) -> None:
+    """Say on standard error which script of the open file Blender did not run, if any."""
+    for blocked in list_blocked(bpy):
+        print(f"warning: {blocked}", file=sys.stderr)
+
+
 def remove_blender_files() -> None:
     """Remove Blender's own temporary files, where it cannot do so itself any more."""
     if "bpy" in sys.modules:

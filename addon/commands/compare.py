@@ -17,8 +17,8 @@ from .command_line import (
     check_replaceable_picture,
     first_line,
     hide_python_output,
-    list_blocked,
     open_blend,
+    warn_blocked,
 )
 from .render import finite, make_bar
 
@@ -94,8 +94,7 @@ def run(arguments: argparse.Namespace) -> None:
     else:
         with hide_python_output():
             numbers = run_ray_cast(bpy, arguments)
-    for blocked in list_blocked(bpy):
-        print(f"warning: {blocked}", file=sys.stderr)
+    warn_blocked(bpy)
     if arguments.json:
         print(json.dumps(list_finite(numbers), allow_nan=False), flush=True)
     else:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import interrupts
-from .command_line import CommandError, add_file, check_replaceable_picture, list_blocked, open_blend
+from .command_line import CommandError, add_file, check_replaceable_picture, open_blend, warn_blocked
 from .render import SUFFIXES, apply_arguments, check_limits, check_view_layers, render_frame
 
 
@@ -56,8 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     check_view_layers(scene)
     with give(ShowFilm(film)):
         render_frame(bpy, scene, output)
-    for blocked in list_blocked(bpy):
-        print(f"warning: {blocked}", file=sys.stderr)
+    warn_blocked(bpy)
     print(output, flush=True)
 
 
