@@ -77,6 +77,18 @@ def resume(scene: Any, path: Path, layer: str = "") -> Any:
     return render_pass(scene, path, layer=layer)
 
 
+def render_without_memory(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> None:
+    """Render the scene, which fails as a function of a module or class is called."""
+
+    def fail(*arguments: object, **keywords: object) -> None:
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, fail)
+        with pytest.raises(RuntimeError, match="not enough memory"):
+            bpy.ops.render.render()
+
+
 def test_a_stopped_render_goes_on_from_its_file(stage: Any, stop: Any, tmp_path: Path) -> None:
     stop()
     whole = render_pass(stage, tmp_path / "whole.exr")
@@ -137,14 +149,7 @@ def test_a_render_that_breaks_before_its_first_write_leaves_the_file_of_the_one_
     whole = render_pass(stage, tmp_path / "whole.exr")
     stop(4)
     render_pass(stage, tmp_path / "some.exr")
-
-    def fail(*_: object, **__: object) -> None:
-        raise MemoryError
-
-    with monkeypatch.context() as patch:
-        patch.setattr(orders, "render_into", fail)
-        with pytest.raises(RuntimeError, match="not enough memory"):
-            bpy.ops.render.render()
+    render_without_memory(monkeypatch, orders, "render_into")
     assert bpy.ops.raytracer.resume_render.poll()
     done = stop()
     np.testing.assert_array_equal(resume(stage, tmp_path / "resumed.exr"), whole)
@@ -255,14 +260,7 @@ def test_a_traced_picture_that_does_not_reach_blender_can_be_resumed(
 ) -> None:
     """The file went as the last sample was traced, before the picture was anywhere."""
     stop()
-
-    def fail(*arguments: object, **keywords: object) -> None:
-        raise MemoryError
-
-    with monkeypatch.context() as patch:
-        patch.setattr(RenderOutput, "write_film", fail)
-        with pytest.raises(RuntimeError, match="not enough memory"):
-            bpy.ops.render.render()
+    render_without_memory(monkeypatch, RenderOutput, "write_film")
     (path,) = checkpoints.list_files(stage)
     assert load_film(path).samples == SAMPLES
     seen: list[bool] = []
